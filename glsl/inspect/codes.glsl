@@ -1,6 +1,6 @@
-// The numbers that the host and the shaders of the inspector share. build.rs makes Rust constants of them.
+// Numbers shared by the host and the shaders of the inspector. build.rs makes Rust constants of them.
 
-// The attribute that takes the place of the colour of a splat.
+// The attribute that a splat shows instead of its colour.
 const uint ATTRIBUTE_DEPTH = 0;
 const uint ATTRIBUTE_NORMAL = 1;
 const uint ATTRIBUTE_OPACITY = 2;
@@ -21,16 +21,16 @@ const uint WORK_CENTRES = 3;
 const uint WORK_OUTLINES = 4;
 const uint WORK_DEPTHS = 5;
 
-// The way in which show compares two pictures.
+// The comparison of two images by show.comp.
 const uint MODE_FIRST = 0;
 const uint MODE_SECOND = 1;
 const uint MODE_SPLIT = 2;
 const uint MODE_DIFFERENCE = 3;
 
-// The quantity of a pixel that show displays.
-const uint QUANTITY_COLOUR = 0;         // the picture as it is
+// The quantity of a pixel that show.comp displays.
+const uint QUANTITY_COLOUR = 0;         // the unchanged image
 const uint QUANTITY_NUMBER = 1;         // the number in all three channels
-const uint QUANTITY_MEAN = 2;           // the same, divided by the coverage
+const uint QUANTITY_MEAN = 2;           // the number divided by the coverage
 const uint QUANTITY_COVERAGE = 3;       // 1 - T
 const uint QUANTITY_TRANSMITTANCE = 4;  // T
 

@@ -7,8 +7,8 @@
 // the work instead of blending.
 // Before: ranges and sorted splat_ids; for WORK_DEPTHS, splats with their depth as colour. After: image = (a count in
 // all three channels, 1), (colour, 1 - T), or (mean depth, median depth, count, 1 - T).
-// A list longer than `pass_limit` takes several passes; between them the image holds the same with T in place of alpha,
-// negated for pixels that have stopped.
+// A list longer than `pass_limit` takes several passes; between passes the image holds these values with T instead of
+// alpha, negated for pixels that have stopped.
 
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
 layout(constant_id = 2) const uint WORK = 0;
@@ -40,7 +40,7 @@ shared vec4 staged_weight[WORKGROUP];  // factor, opacity
 shared vec4 staged_look[WORKGROUP];    // colour and limit
 shared uint stopped_lanes;
 
-// True if a splat is drawn at the offset `d` (px) from its mean, but not one pixel farther out.
+// True if a splat is drawn at the offset `d` (px) from its mean, but not 1 px farther out.
 bool is_border(vec3 factor, float limit, vec2 d) {
     float u = factor.x * d.x + factor.y * d.y, v = factor.z * d.y;
     vec2 outwards = vec2(factor.x * u, factor.y * u + factor.z * v);  // half the gradient of the falloff
@@ -51,7 +51,7 @@ bool is_border(vec3 factor, float limit, vec2 d) {
 // Adds a splat to (mean depth, median depth, count). It has this share of the pixel and changes the transmittance from
 // `before` to `after`.
 vec3 add_depth(vec3 sum, float depth, float share, float before, float after) {
-    // The mean moves towards each new depth by its part of all shares so far, so it never leaves the range of depths.
+    // The mean moves towards each new depth by its fraction of all shares so far, so it stays within the depths.
     float mean = sum.z == 0.0 ? depth : sum.x + (depth - sum.x) * share / max(1.0 - after, share);
     return vec3(mean, before > 0.5 && after <= 0.5 ? depth : sum.y, sum.z + 1.0);
 }

@@ -1,10 +1,10 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One invocation per word of `visible_masks`: intersects the visible set, culled from any camera, with what this view
-// may see; if a Gaussian is isolated, keeps only that one.
-// Before: visible_masks and chunk_counts from cull. After: both describe the Gaussians that are left, so that later
-// stages may take them for a cull of this view.
+// One invocation per word of `visible_masks`: intersects the visible set, culled from any camera, with the Gaussians
+// that this view may see; if a Gaussian is isolated, keeps only this Gaussian.
+// Before: visible_masks and chunk_counts from cull. After: both describe the intersection, and later stages read them
+// like the result of cull.
 
 layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) buffer VisibleMasks { uint visible_masks[]; };                  // [chunks * 32]
@@ -12,7 +12,7 @@ layout(binding = 2, scalar) writeonly buffer ChunkCounts { uint chunk_counts[]; 
 layout(push_constant, scalar) uniform Push {
     View view;
     uint chunks;
-    uint isolated;  // ALL, or the index of the one to keep
+    uint isolated;  // ALL, or the index of the Gaussian to keep
 } push;
 
 #include "shared/cull_test.glsl"

@@ -3,7 +3,7 @@
 #include "portable/frame.glsl"
 #include "shared/depth.glsl"
 #include "portable/blend_splat.glsl"
-// One invocation per instance of one tile's list: computes what the blend finds there at one pixel.
+// One invocation per instance of one tile's list: computes the depth, alpha and colour of its splat at one pixel.
 // Before: the lists of a complete frame. After: gaussians and evidence of all `count` instances, front to back.
 
 struct Evidence {

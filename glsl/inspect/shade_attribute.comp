@@ -28,7 +28,7 @@ layout(push_constant, scalar) uniform Push {
 // Of a Gaussian of the scene.
 #define LEVEL 0.0
 #define LAG(gaussian) 0.0
-#define ENERGY 0.0
+#define SQUARED_ERROR 0.0
 #include "shared/storage.glsl"
 #include "inspect/attributes.glsl"
 

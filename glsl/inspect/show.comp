@@ -2,12 +2,12 @@
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
 #include "inspect/codes.glsl"
-// One invocation per pixel of a window: converts what it shows of one or two pictures to 8 bits.
-// A frame that did not fit its buffers is not shown: its pixels keep what they showed before.
+// One invocation per pixel of a window: converts the displayed quantity of one or two pictures to 8 bits.
+// A frame that did not fit its buffers is not shown: its pixels keep their former values.
 // Before: the pictures are drawn and their totals counted. After: `shown` has the pixels; with DIRECT, `screen` has
 // them too.
 
-layout(constant_id = 0) const bool DIRECT = true;  // the window's image takes stores; else `shown` is copied to it
+layout(constant_id = 0) const bool DIRECT = true;  // shaders can write the window's image; otherwise `shown` is copied to it
 layout(constant_id = 1) const bool BGRA = false;   // the window's image has blue first
 
 layout(binding = 0, rgba32f) readonly uniform image2D first;
@@ -30,12 +30,12 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size_px;     // of the screen
     uvec2 picture_px;  // of the pictures, in its upper left corner; the rest is black
     uint mode;
-    float split_px;    // the second picture is to the right of here
+    float split_px;    // left edge of the second picture
     float gain;        // factor of differences
     uint quantity;
     uint logarithmic;  // 1: `low` and `high` are the ends of a logarithmic scale
-    float low;         // the quantity that has the first colour
-    float high;        // the quantity that has the last colour
+    float low;         // the value with the first colour
+    float high;        // the value with the last colour
     Room first_room;
     Room second_room;
 } push;

@@ -44,7 +44,7 @@ layout(push_constant, scalar) uniform Push {
     uint depth_limit;  // the largest depth key
     uint depth_shift;  // lowest bits that depth keys leave out
     uint block_height;  // px
-    uint gaussians;    // of the scene at one place, nodes included
+    uint gaussians;    // number of Gaussians of one placement, with nodes
     vec3 right;        // the axes of the camera in the world
     vec3 down;
     vec3 forward;
@@ -68,7 +68,7 @@ float lag_of_node(uint gaussian) {
 #define IN_WORLD_AXES(v) (mat3(push.right, push.down, push.forward) * ((v) * VIEW_AXES))
 #define LEVEL float(level_of(page))
 #define LAG(gaussian) lag_of_node(gaussian)
-#define ENERGY squared_error_of(page)
+#define SQUARED_ERROR squared_error_of(page)
 #include "fast/make_splat.glsl"
 
 const uint QUARTER = PAGE / QUARTERS;

@@ -3,16 +3,16 @@
 #include "portable/frame.glsl"
 #include "portable/blend_splat.glsl"
 #include "prune/share.glsl"
-// One workgroup per 16x16 tile, one invocation per pixel: walks the list of the whole scene, and bounds what the
-// picture changes by if Gaussians are dropped.
+// One workgroup per 16x16 tile, one invocation per pixel: walks the list of the whole scene, and bounds the
+// change of the image if Gaussians are dropped.
 //
-// The dropped splats have together the share w of a pixel, and D is the brightest colour. Then the pixel changes by at
-// most D * w. If without the dropped ones the pixel does not stop where it did, what lies behind that shows, too, and w
-// grows by the transmittance there (docs/prune.md).
+// Let w be the sum of the shares of the dropped splats in a pixel, and D the brightest colour. Then the pixel changes
+// by at most D * w. If the pixel stops later without the dropped splats, splats behind the former stop show, too, and
+// w grows by the transmittance at that stop (docs/prune.md).
 // Before: the lists of a complete frame of the whole scene; kept. After: image = (bound, w, D, number of splats in w).
 // The bound is D * w with an allowance for the rounding of f32.
-// A list longer than `pass_limit` takes several passes; between them the image holds (w, T without the dropped ones,
-// D so far, T), with T negated for pixels that have stopped, and counts the number of blended splats.
+// A list longer than `pass_limit` takes several passes; between passes the image holds (w, T without dropped
+// splats, D so far, T), with T negated for pixels that have stopped, and counts the number of blended splats.
 
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
 
@@ -44,10 +44,10 @@ const float SLACK = 1e-3;        // for the rounding of the sum of shares
 // The pixel that a lane walks.
 struct Walk {
     float dropped;  // w: the shares of the dropped splats
-    float without;  // transmittance of the picture without them
-    float whole;    // transmittance of the whole picture
+    float without;  // transmittance of the image without dropped splats
+    float whole;    // transmittance of the whole image
     uint blended;
-    bool stopped;   // the whole picture ended
+    bool stopped;   // the pixel of the whole image has stopped
 };
 
 void walk_splat(uint i, vec2 centre, inout Walk walk) {
@@ -57,14 +57,14 @@ void walk_splat(uint i, vec2 centre, inout Walk walk) {
     float share = take_share(mean, weight, limit, centre, walk.whole, walk.stopped);
     if (share == 0.0) return;
     walk.blended++;
-    // A dropped splat that ends the pixel has all that is left as its share.
+    // The share of a dropped splat that ends the pixel is the remaining transmittance.
     if (!staged_kept[i]) {
         walk.dropped += share;
         return;
     }
     bool stops;
     take_share(mean, weight, limit, centre, walk.without, stops);
-    // More light is left without the dropped ones, so they cannot make a pixel end earlier.
+    // The transmittance is higher without the dropped splats, so the pixel cannot stop earlier.
     if (walk.stopped && !stops) walk.dropped += share;
 }
 
@@ -94,7 +94,7 @@ void main() {
             staged_weight[lane()] = vec4(splat.factor, splat.opacity);
             staged_limit[lane()] = falloff_limit(splat.opacity);
             staged_kept[lane()] = (kept[gaussian / 32] >> (gaussian % 32) & 1) != 0;
-            // Splats behind the point where a pixel stops count as well: they may show.
+            // Splats behind the stop of a pixel count as well, since they may show.
             brightest = max(brightest, max(splat.colour.r, max(splat.colour.g, splat.colour.b)));
         }
         barrier();
@@ -115,7 +115,7 @@ void main() {
         return;
     }
     float range = max(brightest, push.background);
-    // Each blended splat rounds a product and a sum in both pictures. Where nothing is dropped, they are equal.
+    // Each blended splat rounds a product and a sum in both images. Pixels without dropped splats are equal.
     float rounding = walk.dropped > 0.0 ? 2.0 * ULP * float(walk.blended) : 0.0;
     float bound = range * (walk.dropped * (1.0 + SLACK) + rounding);
     imageStore(image, ivec2(pixel), vec4(bound, walk.dropped, range, float(walk.blended)));

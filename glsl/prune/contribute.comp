@@ -3,15 +3,15 @@
 #include "portable/frame.glsl"
 #include "portable/blend_splat.glsl"
 #include "prune/share.glsl"
-// One workgroup per 16x16 tile, one invocation per pixel: walks the tile's list as a blend does, and adds what each
-// splat contributes to the largest share and to the sum of shares of its Gaussian.
-// Before: the lists of a complete frame; contributions of earlier views, or zeros. After: those of this view are in
-// contributions, and image = (0, 0, 0, 1 - T) with the T of the picture.
-// A list longer than `pass_limit` takes several passes; between them the image holds what it holds in blend.comp.
+// One workgroup per 16x16 tile, one invocation per pixel: walks the tile's list as a blend does, and adds the
+// share of each splat to the largest share and to the sum of shares of its Gaussian.
+// Before: the lists of a complete frame; contributions of earlier views, or zeros. After: contributions include this
+// view, and image = (0, 0, 0, 1 - T) with the T of the image.
+// A list longer than `pass_limit` takes several passes; between passes the image is as in portable/blend.comp.
 
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
 
-// What a Gaussian contributes to all pixels of all views so far.
+// The contribution of a Gaussian to all pixels of all views so far.
 struct Contribution {
     uint largest;   // bits of the largest share, a float from 0 to 1: non-negative floats order like their bits
     uint sum_low;   // sum of the shares in units of 1 / SHARE_UNIT, 64 bits: enough for 2^40 pixels
@@ -47,8 +47,8 @@ uint in_units(float share) {
     return min(uint(roundEven(share * float(SHARE_UNIT))), SHARE_UNIT - 1);
 }
 
-// Adds the shares that the lanes of this subgroup have of staged splat `i`. A maximum and a sum of integers: order does
-// not matter.
+// Adds the shares of staged splat `i` in the pixels of this subgroup. A maximum and a sum of integers: order does not
+// matter.
 void note(uint i, float share) {
     float most = subgroupMax(share);
     if (most == 0.0) return;
@@ -59,7 +59,7 @@ void note(uint i, float share) {
     }
 }
 
-// Adds what a tile has of a Gaussian. A maximum and a sum of integers: order does not matter.
+// Adds the shares of a Gaussian in a tile. A maximum and a sum of integers: order does not matter.
 void add(uint gaussian, uint largest, uint sum) {
     atomicMax(contributions[gaussian].largest, largest);
     uint before = atomicAdd(contributions[gaussian].sum_low, sum);

@@ -1,9 +1,9 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One invocation per word of `visible_masks`: leaves those Gaussians in the visible set that are kept.
-// Before: visible_masks and chunk_counts from cull. After: both describe the Gaussians that are left, so that later
-// stages draw the scene without the others. Indices stay, so the order of splats stays, too.
+// One invocation per word of `visible_masks`: removes dropped Gaussians from the visible set.
+// Before: visible_masks and chunk_counts from cull. After: both describe the kept Gaussians, so that later stages draw
+// only these. Indices do not change, so the order of splats does not change, either.
 
 layout(binding = 0, scalar) readonly buffer Kept { uint kept[]; };                          // [chunks * 32] bits
 layout(binding = 1, scalar) buffer VisibleMasks { uint visible_masks[]; };                  // [chunks * 32]

@@ -1,8 +1,8 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "shared/rules.glsl"
-// One invocation per pixel: the state of a pixel before the first slab.
-// Before: nothing. After: image has colour 0 and the transmittance 1, as slabs/blend.comp keeps it.
+// One invocation per pixel: writes the state of a pixel before the first slab.
+// Before: nothing. After: image has colour 0 and transmittance 1, in the form of slabs/blend.comp.
 
 layout(binding = 0, rgba32f) writeonly uniform image2D image;
 layout(push_constant, scalar) uniform Push {

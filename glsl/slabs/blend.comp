@@ -3,12 +3,11 @@
 #define IMAGE_ACCESS
 layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
 #include "fast/blend_block.glsl"
-// One subgroup per block of pixels, as blend of the fast path, for one slab: a pixel goes on where the slab before left
-// it.
+// One subgroup per block of pixels: blends one slab as fast/blend.comp, starting from the states of the previous slab.
 // Before: bins, sorted splat_ids and masks of the slab; open_bins is 0. After: image has the state of every pixel,
 // open_bins a bit for every bin with a pixel that has not stopped.
-// The state of a pixel is its colour so far and its transmittance times ALPHA_MIN, negated once it has stopped: the
-// numbers of blend_block.glsl themselves, so that the picture has the bits of one that is drawn whole.
+// The state of a pixel is its colour so far and its transmittance times ALPHA_MIN, negated once the pixel has stopped.
+// These are the values inside blend_block.glsl, so that the image has the bits of a frame without slabs.
 
 layout(binding = 6, scalar) buffer OpenBins { uint open_bins[]; };                          // [bins / 32] a bit per bin
 
@@ -46,6 +45,6 @@ void main() {
     bool is_open = false;
     for (uint k = 0; k < PIXELS; k++) is_open = is_open || is_inside(k) && limit[k] >= 0.0;
     if (subgroupAny(is_open) && subgroupElect()) {
-        atomicOr(open_bins[number / 32], 1u << number % 32);  // a set of bits: order does not matter
+        atomicOr(open_bins[number / 32], 1u << number % 32);  // sets bits: order does not matter
     }
 }

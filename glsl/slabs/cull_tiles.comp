@@ -5,9 +5,9 @@
 #include "pages/page.glsl"
 #include "slabs/slab.glsl"
 #include "shared/error_code.glsl"
-// One workgroup per listed page: marks those of its Gaussians that may touch the image and are in the slab, as cull of
-// the portable path does for a chunk of 1024 Gaussians.
-// Before: the pages and their views are listed. After: visible_masks and chunk_counts as after cull.
+// One workgroup per page of the draw list: marks its Gaussians that may touch the image and are in the slab, as
+// portable/cull.comp for a chunk of 1024 Gaussians.
+// Before: the draw list has the pages and their views. After: visible_masks and chunk_counts as after cull.
 
 layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 1, scalar) writeonly buffer VisibleMasks { uint visible_masks[]; };        // [pages * 32]
@@ -25,7 +25,7 @@ layout(push_constant, scalar) uniform Push {
     uint pages;
     uint depth_limit;  // the largest depth key of a splat with tiles
     uint depth_shift;  // lowest bits that depth keys leave out
-    uint gaussians;    // of the scene at one place, nodes included
+    uint gaussians;    // number of Gaussians of one placement, with nodes
 } push;
 
 #include "pages/current_page.glsl"

@@ -1,8 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "shared/rules.glsl"
-// One invocation per pixel: turns the states that slabs/blend.comp keeps into the picture, as blend of the fast path
-// does.
+// One invocation per pixel: converts the states of slabs/blend.comp to the image, as fast/blend.comp does.
 // Before: image has the states after the last slab. After: image = (colour over the background, 1 - T).
 
 layout(binding = 0, rgba32f) uniform image2D image;

@@ -2,8 +2,7 @@
 #define WORKGROUP_SIZE 1024
 #include "shared/workgroup.glsl"
 #include "fast/frame.glsl"
-// One workgroup per chunk of the splats, as list of the fast path, but bins in which all pixels have stopped list
-// nothing.
+// One workgroup per chunk of the splats: lists it as fast/list.comp, except in bins whose pixels have all stopped.
 // Before: as for list; open_bins has a bit for every bin with a pixel that has not stopped. After: as for list.
 
 layout(binding = 0, scalar) buffer CountersBlock { FastCounters counters; };

@@ -11,10 +11,10 @@ const uvec2 LISTED = uvec2(TILE, TILE);
 #include "shared/ellipse.glsl"
 #include "shared/grids.glsl"
 #include "shared/rotation.glsl"
-// One invocation per visible Gaussian of the listed pages: as project of the portable path.
-// Before: gaussian_from_splat counts the Gaussians of listed pages. After: as after project.
+// One invocation per visible Gaussian of the draw list: projects it as portable/project.comp.
+// Before: gaussian_from_splat has elements of the draw list (pages/current_page.glsl). After: as portable/project.comp.
 
-layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity] of listed pages
+layout(binding = 0, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity]
 layout(binding = 1, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 2, scalar) readonly buffer GridsBlock { Grids grids; };
 layout(binding = 3, scalar) readonly buffer Shapes { uvec4 plane[]; } shapes[2];            // [gaussians] at most each

@@ -1,8 +1,8 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "portable/frame.glsl"
-// One invocation per splat: brings the depth keys into the order of the splats' indices, in which a stable sort by
-// depth leaves those of equal depth.
+// One invocation per splat: permutes the depth keys into the order of the splats' indices. A stable sort by depth then
+// keeps the order of indices for splats of equal depth.
 // Before: splat_from_index is sorted. After: depth_keys and splats have the keys and the splats in that order.
 
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };

@@ -4,12 +4,12 @@
 #include "portable/frame.glsl"
 #include "pages/page.glsl"
 #include "shared/depth.glsl"
-// One invocation per visible Gaussian of the listed pages: writes its view depth as the colour of its splat, as
-// shade_attribute does.
+// One invocation per visible Gaussian of the draw list: writes its view depth as the colour of its splat, as
+// inspect/shade_attribute.comp.
 // Before: splats from project_tiles. After: the colour of each splat is its depth in world units.
 
 layout(binding = 0, scalar) readonly buffer TotalsBlock { Totals totals; };
-layout(binding = 1, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity] of listed pages
+layout(binding = 1, scalar) readonly buffer Ids { uint gaussian_from_splat[]; };   // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
 layout(binding = 3, scalar) readonly buffer DrawList { uvec4 draw_list[]; };                   // [elements]
 layout(binding = 4, scalar) writeonly buffer Splats { Splat splats[]; };                    // [visible_capacity]

@@ -36,10 +36,10 @@ pub struct LodSelector {
     in_view: Buffer<Element>,
     /// The views, the number of pages, the selected pages: page.glsl.
     pub draw_list: Buffer<Element>,
-    /// By position in the draw list: the number of the page.
+    /// The page number of each page in the draw list.
     page_numbers: Buffer<u32>,
     pub state: Buffer<SelectionState>,
-    /// By page: the fallback limits ([`PageHierarchy`](crate::render::streaming::fallback::PageHierarchy)).
+    /// The packed fallback limits of each page: `PageHierarchy::pack_limits` (`streaming/fallback`).
     fallback_limits: Buffer<u32>,
     /// Missing pages of the last selection, with their priorities and error limits.
     requests: Buffer<[u32; 2]>,
@@ -203,7 +203,7 @@ impl LodSelector {
         self.record_with(cmd, scene, camera, options, self.params)
     }
 
-    /// As [`LodSelector::record`], with other parameters than [`LodSelector::params`].
+    /// Records the selection with other parameters than [`LodSelector::params`].
     ///
     /// # Errors
     /// If memory runs out.

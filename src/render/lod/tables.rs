@@ -7,10 +7,10 @@ use crate::render::shaders::lod::NO_PAGE;
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::rules::LOW_PASS;
 
-/// Codes of an octave of squared errors: half of those of an octave of errors.
+/// Codes per octave of squared errors: half as many as per octave of errors.
 pub const STEPS: usize = CODES_PER_OCTAVE as usize / 2;
 
-/// By step of an octave: the smallest significand of a float in that step.
+/// The smallest significand of a float in each step of an octave.
 pub fn steps() -> [u32; STEPS] {
     std::array::from_fn(|step| (((step as f64 / STEPS as f64).exp2() - 1.0) * 23f64.exp2()).ceil() as u32)
 }

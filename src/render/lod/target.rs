@@ -15,7 +15,7 @@ use crate::render::constants::fade_codes;
 use crate::render::shaders::SelectionState;
 use crate::render::shaders::lod::{BY_ERROR, BY_NODES, ERROR_UNITS};
 
-/// The levels of detail of a frame.
+/// A cut through levels of detail.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "Detailed")]
 pub struct LodReport {

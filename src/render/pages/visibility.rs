@@ -163,7 +163,7 @@ impl PageCuller<'_> {
 /// Open bins (bins with a pixel that has not stopped) as a summed-area table, for tests of rectangles.
 pub struct OpenBinTable {
     columns: usize,
-    /// By corner of bins: the number of open bins above and to the left.
+    /// Number of open bins above and to the left of each corner of bins.
     sums: Vec<u32>,
 }
 

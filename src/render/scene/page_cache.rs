@@ -27,11 +27,11 @@ pub struct PageCache {
     plane_words: Vec<usize>,
     /// The slot of each resident page, in order of last use.
     slots: LruCache<u32, u32>,
-    /// By page: its slot, or [`NO_SLOT`].
+    /// The slot of each page, or [`NO_SLOT`].
     slots_on_device: Buffer<u32>,
-    /// By page: the stamp of the last streamed frame that used it in the upper half, its priority then in the lower.
+    /// For each page, the stamp of the last streamed frame that used it (upper half), and its priority then.
     last_used: Buffer<u32>,
-    /// By page.
+    /// For each page.
     is_resident: Vec<bool>,
     generation: u64,
     staged: [Staged; 2],
@@ -128,13 +128,13 @@ impl PageCache {
         })
     }
 
-    /// By page: its slot, or [`NO_SLOT`].
+    /// The slot of each page, or [`NO_SLOT`].
     pub fn slots(&self) -> &Buffer<u32> {
         &self.slots_on_device
     }
 
-    /// By page: the stamp of the last streamed frame that used it in the upper half of the word, its priority then in
-    /// the lower half. Written by select_pages.comp.
+    /// For each page, the stamp of the last streamed frame that used it in the upper half of the word, and its priority
+    /// then in the lower half. Written by select_pages.comp.
     pub fn last_used(&self) -> &Buffer<u32> {
         &self.last_used
     }
@@ -148,7 +148,7 @@ impl PageCache {
         self.is_resident[page as usize]
     }
 
-    /// By page: true if it is resident.
+    /// True for each resident page.
     pub fn residency(&self) -> &[bool] {
         &self.is_resident
     }

@@ -15,25 +15,25 @@ use crate::pagefile::{NO_PAGE, PageLod};
 
 /// The groups of a scene (pages whose nodes share one box and one reference width) and their parents.
 pub struct PageHierarchy {
-    /// By page: its group.
+    /// The group of each page.
     groups: Vec<u32>,
-    /// By page: the group with the parents of its nodes; [`NONE`] for the root.
+    /// For each page, the group with the parents of its nodes; [`NONE`] for the root.
     parent_groups: Vec<u32>,
     /// Pairs of a group and a group with parents of its nodes, from the root to the leaves.
     edges: Vec<(u32, u32)>,
-    /// By group: the pages whose nodes have their parents in it.
+    /// For each group, the pages whose nodes have their parents in it.
     child_pages: Vec<Vec<u32>>,
-    /// By group: the group with the parents of its coarsest nodes; [`NONE`] for the root.
+    /// For each group, the group with the parents of its coarsest nodes; [`NONE`] for the root.
     ancestors: Vec<u32>,
-    /// By page: the largest error of a parent, as a code.
+    /// For each page, the largest error of a parent, as a code.
     parent_errors: Vec<u16>,
 }
 
 /// The requests of one frame, by group.
 pub struct Requests {
-    /// By group: the priority of a child page minus the error code of its coarsest parent; [`NO_REQUEST`] without one.
+    /// For each group, the priority of a child page minus its parent error; [`NO_REQUEST`] without a request.
     offsets: Vec<i32>,
-    /// By group: the smallest error limit for which its children are requested.
+    /// For each group, the smallest error limit for which its children are requested.
     error_limits: Vec<u16>,
     /// The groups with a request.
     groups: Vec<u32>,

@@ -10,11 +10,11 @@ use super::fallback::PageHierarchy;
 pub struct ResidencySnapshot {
     /// Requested pages of the frame that cannot be drawn yet: page; priority, error limit in the upper half.
     pub requested: Vec<[u32; 2]>,
-    /// By page: the stamp of the last frame that used it and its priority then, if they were read back.
+    /// For each page, the stamp of the last frame that used it (upper half) and its priority then, if read back.
     pub last_used: Option<Vec<u32>>,
     /// The stamp of the next frame.
     pub stamp: u16,
-    /// By page.
+    /// For each page.
     pub is_resident: Vec<bool>,
     /// Pages that are read or wait for their insertion.
     pub loading: HashSet<u32>,

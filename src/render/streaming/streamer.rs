@@ -78,7 +78,7 @@ enum LoadEvent {
 /// The page requests of one frame, read back from the GPU.
 pub struct PageRequests {
     missing: Readback<[u32; 2]>,
-    /// By page: the stamp of the last frame that used it, and its priority then.
+    /// For each page, the stamp of the last frame that used it, and its priority then.
     last_used: Option<Readback<u32>>,
     /// The requests for the predicted camera.
     prefetch: Option<(Readback<SelectionState>, Readback<[u32; 2]>)>,

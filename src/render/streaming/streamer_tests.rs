@@ -43,7 +43,7 @@ fn settle(renderer: &mut Renderer, camera: &Camera) -> (Pixels, Residency) {
     }
 }
 
-/// As [`settle`], but without a frame while pages are loading, so that every run draws the same frames up to fading.
+/// Does the same as [`settle`], but draws no frame while pages are loading, so that all runs request the same pages.
 fn settle_in_step(renderer: &mut Renderer, camera: &Camera) -> Pixels {
     loop {
         renderer.render(camera, BACKGROUND).unwrap();
