@@ -12,7 +12,7 @@ use smalto::viewer::{
 };
 
 use super::frames::setup;
-use super::mends::{frame, key};
+use super::interaction::{frame, key};
 use crate::common::Gpu;
 
 const WINDOW: [u32; 2] = [700, 240];

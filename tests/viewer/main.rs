@@ -4,15 +4,15 @@
 mod common;
 
 mod edits;
-mod following;
+mod file_watch;
 mod frames;
-mod mends;
+mod interaction;
 mod monkey;
 mod motion;
 mod navigator;
 mod poses;
-mod readings;
+mod readout;
 mod wayland;
 mod window;
 mod window_errors;
-mod window_mends;
+mod window_events;

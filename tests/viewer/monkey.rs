@@ -3,7 +3,7 @@
 use egui::{Event, Key, Modifiers, PointerButton, pos2};
 
 use super::frames::{open, setup, shown};
-use super::mends::{drag, frame, key};
+use super::interaction::{drag, frame, key};
 use crate::common::Gpu;
 use crate::common::random::Random;
 

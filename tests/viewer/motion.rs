@@ -5,7 +5,7 @@ use smalto::options::Options;
 use smalto::viewer::{CompareWith, Request, Setup, view_mode};
 
 use super::frames::{SIZE, open, setup};
-use super::mends::{frame, key};
+use super::interaction::{frame, key};
 use crate::common::Gpu;
 
 /// Slow pictures have a lower scale as long as the view moves, but not what is written, and at rest they are whole.

@@ -11,7 +11,7 @@ use smalto::rules::Background;
 use smalto::viewer::{CompareTarget, Offscreen, Request, Setup};
 
 use super::frames::{SIZE, open, setup};
-use super::mends::{frame, key};
+use super::interaction::{frame, key};
 use crate::common::Gpu;
 
 /// A scene with cameras around it, and the photographs of all but the last, which are renders; that of the camera "b"

@@ -1,4 +1,4 @@
-//! What a window says of itself: events once each, and messages where they can be read.
+//! Events and messages of the window: each event once, and messages where they can be read.
 #![cfg(target_os = "linux")]
 
 use crate::common::Turn;

@@ -1,4 +1,4 @@
-//! What the window says in numbers, beside which panels the picture lies, and what is kept and copied.
+//! Numbers and marks over the picture, the place of the panels, copied commands, and the recent files.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use smalto::viewer::{
 };
 
 use super::frames::{SIZE, open, setup, shown};
-use super::mends::{drag, frame, key};
+use super::interaction::{drag, frame, key};
 use crate::common::Gpu;
 use crate::common::program::run;
 
@@ -268,9 +268,9 @@ fn the_copied_command_draws_the_picture() {
 #[test]
 fn a_window_keeps_what_was_opened() {
     let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
-    let [kept, scene] = ["state/viewer.json", "small.ply"].map(|name| folder.path().join(name));
+    let [state, scene] = ["state/viewer.json", "small.ply"].map(|name| folder.path().join(name));
     crate::common::program::ok(&["convert", "few-large:20", scene.to_str().unwrap()]);
-    let setup = Setup { recent_file: Some(kept.clone()), hides_panels: false, ..setup(&[]) };
+    let setup = Setup { recent_file: Some(state.clone()), hides_panels: false, ..setup(&[]) };
     let mut offscreen = Offscreen::new(setup, &gpu.0, [640, 400]).unwrap();
     frame(&mut offscreen, vec![key(Key::O, Modifiers::COMMAND)]);
     assert!(offscreen.viewer().panels.dialog.is_open());
@@ -278,5 +278,5 @@ fn a_window_keeps_what_was_opened() {
     assert!(!offscreen.viewer().panels.dialog.is_open());
     offscreen.viewer().drop_file(&scene);
     offscreen.settle().unwrap();
-    assert_eq!(RecentState::read(&kept).files, [scene]);
+    assert_eq!(RecentState::read(&state).files, [scene]);
 }

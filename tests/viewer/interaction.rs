@@ -1,4 +1,4 @@
-//! What users set and move is neither lost nor shown for something else: drags, undo, references, files.
+//! Interaction: drags, undo, references, explained pixels, and written files keep what users set and see.
 
 use std::path::PathBuf;
 use std::time::Duration;
