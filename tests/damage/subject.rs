@@ -7,7 +7,7 @@ use crate::change::Change;
 use crate::common::program::ok;
 use crate::common::table::fixture;
 use smalto::camera::{self, NamedCamera, Timeline};
-use smalto::formats::Reading;
+use smalto::formats::{FORMATS, Reading};
 use smalto::measure::bench;
 use smalto::pagefile;
 use smalto::pixels::{Alpha, Compression, FileKind, Pixels};
@@ -108,7 +108,7 @@ fn scenes(subjects: &mut Subjects) {
     for path in files {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         let ending = path.extension().unwrap_or_default().to_string_lossy().into_owned();
-        if ["ply", "spz", "splat", "ksplat", "sog", "glb"].contains(&ending.as_str()) {
+        if FORMATS.iter().any(|format| format.name == ending) {
             let whole = fs::read(&path).unwrap();
             subjects.file(&name, whole.clone(), Change::Bytes, scene);
             match (ending.as_str(), &whole[..2]) {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use super::independent::{self, Decoded};
 use crate::common::captured;
 use crate::common::table::{fixture, read};
-use smalto::formats::SceneFile;
+use smalto::formats::{self, SceneFile};
 use smalto::procedural::Procedural;
 use smalto::scene::{Bounds, Builder, Gaussians, Raw};
 
@@ -120,7 +120,7 @@ fn every_fixture_is_written_for_every_reader() {
     for entry in std::fs::read_dir(fixture("")).unwrap() {
         let path: PathBuf = entry.unwrap().path();
         let ending = path.extension().unwrap_or_default().to_string_lossy().into_owned();
-        if ["ply", "spz", "sog", "glb", "splat", "ksplat"].contains(&ending.as_str()) {
+        if formats::FORMATS.iter().any(|format| format.name == ending) {
             every_format_is_decoded(&path.file_name().unwrap().to_string_lossy(), &read(&path).gaussians);
             count += 1;
         }
