@@ -7,7 +7,7 @@
 // Before: the pictures are drawn and their totals counted. After: `shown` has the pixels; with DIRECT, `screen` has
 // them too.
 
-layout(constant_id = 0) const bool DIRECT = true;  // shaders can write the window's image; otherwise `shown` is copied to it
+layout(constant_id = 0) const bool DIRECT = true;  // shaders can write the window image, else `shown` is copied
 layout(constant_id = 1) const bool BGRA = false;   // the window's image has blue first
 
 layout(binding = 0, rgba32f) readonly uniform image2D first;
