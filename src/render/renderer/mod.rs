@@ -118,17 +118,20 @@ impl Renderer {
     }
 
     /// Makes the pipelines that only some frames need, so that these frames do not wait for them.
+    #[doc(hidden)]
     pub fn prepare_portable(&mut self) -> Result<()> {
         self.choice.make_portable(&self.device)
     }
 
     /// Draws the finest cut through the levels of detail from now on, which shows the bits of the scene, or again the
     /// cut of the options.
+    #[doc(hidden)]
     pub fn set_finest(&mut self, is_finest: bool) {
         self.choice.options = if is_finest { self.options.finest() } else { self.options };
     }
 
     /// Limits the splat budget of a scene with levels of detail from now on. A lower budget of the options holds.
+    #[doc(hidden)]
     pub fn limit_splats(&mut self, splats: Option<u32>) {
         let own = self.options.splats;
         self.choice.options.splats = splats.map_or(own, |most| if own > 0 { own.min(most) } else { most });
@@ -145,11 +148,13 @@ impl Renderer {
     }
 
     /// Times every stage, or only the whole frame.
+    #[doc(hidden)]
     pub fn set_timestamps(&mut self, timestamps: Timestamps) {
         self.timestamps = timestamps;
     }
 
     /// Starts from buffers of this capacity, so that tests see them grow.
+    #[doc(hidden)]
     pub fn with_capacity(mut self, capacity: Capacity) -> Result<Self> {
         self.choice.set_capacity(&self.device, capacity)?;
         self.last = None;
@@ -184,6 +189,7 @@ impl Renderer {
     }
 
     /// Turns the counting of work in all frames on or off. Counting takes longer, and the portable path.
+    #[doc(hidden)]
     pub fn count_work(&mut self, counts_work: bool) -> Result<()> {
         let variation = match (counts_work, &self.certificate) {
             (true, _) => Variation::Counting,
@@ -211,6 +217,7 @@ impl Renderer {
     ///
     /// # Errors
     /// As [`Renderer::render`].
+    #[doc(hidden)]
     pub fn render_with(
         &mut self,
         camera: &Camera,
@@ -238,6 +245,7 @@ impl Renderer {
     ///
     /// # Errors
     /// If device memory runs out or the device is lost.
+    #[doc(hidden)]
     pub fn start(&mut self, camera: &Camera, background: Background) -> Result<Started> {
         self.start_with(camera, background, |_| {})
     }
@@ -246,6 +254,7 @@ impl Renderer {
     ///
     /// # Errors
     /// If device memory runs out or the device is lost.
+    #[doc(hidden)]
     pub fn finish(&mut self, started: Started) -> Result<bool> {
         let results = started.commands.wait()?;
         self.judge(&results, &started.recorded).map(|totals| totals.is_some())
@@ -268,6 +277,7 @@ impl Renderer {
     ///
     /// # Errors
     /// If device memory runs out.
+    #[doc(hidden)]
     pub fn record(&mut self, cmd: &mut Commands, camera: &Camera, background: Background) -> Result<Recorded> {
         self.record_inspected(cmd, camera, background, None)
     }
@@ -349,6 +359,7 @@ impl Renderer {
     ///
     /// # Errors
     /// If memory runs out or a page cannot be read.
+    #[doc(hidden)]
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
         let (totals, paged) = match &recorded.counted {
             Counted::Slabbed(drawn) => return Ok(Some(drawn.totals)),
@@ -372,6 +383,7 @@ impl Renderer {
     }
 
     /// The picture drawn last, to show on a screen.
+    #[doc(hidden)]
     pub fn picture(&self) -> Picture<'_> {
         let Limits { path, in_slabs, capacity, longest_list } = self.drawn;
         // A frame in slabs is complete.

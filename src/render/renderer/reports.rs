@@ -13,6 +13,7 @@ impl Renderer {
     /// The fewest bytes that each stage of a frame moves through device memory, by the name of its scope: each input
     /// read once, each output written once. The frame is the one recorded last, seen by `camera`, which counted
     /// `totals`.
+    #[doc(hidden)]
     pub fn least_bytes(&self, totals: &Totals, camera: &Camera) -> Vec<(&'static str, u64)> {
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
         let mut stages = self.choice.least_bytes(self.drawn.path, Shot { scene: &self.scene, camera }, totals);
@@ -24,6 +25,7 @@ impl Renderer {
     }
 
     /// The report of the levels of detail of a frame, if it was drawn by them.
+    #[doc(hidden)]
     pub fn detail(&self, results: &Results, recorded: &Recorded) -> Option<LodReport> {
         recorded.detail(results, &self.options)
     }
@@ -34,11 +36,13 @@ impl Renderer {
     }
 
     /// True if another picture would show pages that the last one did not, or is needed to request pages.
+    #[doc(hidden)]
     pub fn has_news(&mut self) -> bool {
         self.choice.streamer.as_mut().is_some_and(PageStreamer::needs_frame)
     }
 
     /// Takes the reason why a page could not be read beside the pictures, which show coarser levels in its place.
+    #[doc(hidden)]
     pub fn take_problem(&mut self) -> Option<anyhow::Error> {
         self.choice.streamer.as_mut().and_then(PageStreamer::take_problem)
     }
@@ -50,6 +54,7 @@ impl Renderer {
     }
 
     /// The name and the bytes of every buffer and image except those of the scene.
+    #[doc(hidden)]
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let mut buffers = self.choice.buffers();
         buffers.push(("image", self.image.bytes()));
