@@ -1,9 +1,10 @@
 //! The viewer: opens scenes in a window, moves through them, and shows the cost of every stage and its intermediate
 //! results.
 //!
+//! Each room uses only rooms listed before it:
+//! - `jobs` - work on other threads
 //! - `model` - the state of a viewer
 //! - `actions` - operations of users on the state, by subject
-//! - `jobs` - work on other threads, and the handling of its events
 //! - `panels` - panels, input, and everything drawn over the picture
 //! - `frame` - a frame from input to screen
 //! - `window` - the window, and frames without one
@@ -16,9 +17,9 @@ mod panels;
 mod window;
 
 pub use actions::Program;
-pub use frame::{Digest, FrameOutput, Session};
+pub use frame::{FrameOutput, Session};
 pub use model::{
-    Bindings, Change, CompareMode, CompareTarget, CompareWith, Counts, Outline, Property, RecentState, Request,
+    Bindings, Change, CompareMode, CompareTarget, CompareWith, Counts, Digest, Outline, Property, RecentState, Request,
     Selection, SelectionMode, Setup, Tab, Tool, Viewer, WindowRequest, view_mode, view_mode_names,
 };
 pub use window::{DEFAULT_SIZE, Fault, Offscreen, PATH_FPS, PageCounts, Summary, WindowSetup, run, run_offscreen};

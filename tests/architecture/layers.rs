@@ -39,7 +39,7 @@ const EDGES: [(&str, &str); 21] = [
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
-const ROOMS: [(&str, &str); 22] = [
+const RENDER_ROOMS: [(&str, &str); 22] = [
     ("shaders", ""),
     ("readback", ""),
     ("pack", "shaders"),
@@ -65,6 +65,16 @@ const ROOMS: [(&str, &str); 22] = [
         "shaders readback upscale capacity path scene frame inspect lod streaming recorded path_choice self_test",
     ),
     ("frame_queue", "pack capacity path inspect recorded renderer"),
+];
+
+/// The rooms inside `viewer`, from the ground up, and the rooms that each may use.
+const VIEWER_ROOMS: [(&str, &str); 6] = [
+    ("jobs", ""),
+    ("model", "jobs"),
+    ("actions", "jobs model"),
+    ("panels", "jobs model actions"),
+    ("frame", "model panels"),
+    ("window", "model frame"),
 ];
 
 /// Modules that may use every other.
@@ -126,22 +136,22 @@ fn violations(sources: &[(String, String)]) -> Vec<String> {
     found
 }
 
-/// The room of a source file inside `render`; none for the file that only lists the rooms.
-fn room(name: &str) -> Option<&str> {
-    let inside = name.strip_prefix("render/")?.split('/').next()?;
+/// The room of a source file inside a module; none for the file that only lists the rooms.
+fn room<'a>(module: &str, name: &'a str) -> Option<&'a str> {
+    let inside = name.strip_prefix(module)?.strip_prefix('/')?.split('/').next()?;
     Some(inside.trim_end_matches(".rs")).filter(|room| *room != "mod")
 }
 
-/// The imports between rooms inside `render` that the table forbids, one line each.
-fn violations_in_render(sources: &[(String, String)]) -> Vec<String> {
-    let place = |room: &str| ROOMS.iter().position(|(name, _)| *name == room);
+/// The imports between rooms inside a module that the table forbids, one line each.
+fn violations_inside(module: &str, rooms: &[(&str, &str)], sources: &[(String, String)]) -> Vec<String> {
+    let place = |room: &str| rooms.iter().position(|(name, _)| *name == room);
     let mut found = BTreeSet::new();
     for (file, used) in Crate::new(sources).edges() {
-        let (Some(from), Some(to)) = (room(file), room(used)) else { continue };
+        let (Some(from), Some(to)) = (room(module, file), room(module, used)) else { continue };
         if from == to || is_test(file) {
             continue;
         }
-        let may_use = place(from).is_some_and(|row| ROOMS[row].1.split(' ').any(|allowed| allowed == to));
+        let may_use = place(from).is_some_and(|row| rooms[row].1.split(' ').any(|allowed| allowed == to));
         if !may_use {
             found.insert(format!("{file}: {from} may not use {to}"));
         }
@@ -150,12 +160,14 @@ fn violations_in_render(sources: &[(String, String)]) -> Vec<String> {
 }
 
 #[test]
-fn rooms_inside_render_use_only_rooms_below() {
-    for (row, (room, allowed)) in ROOMS.iter().enumerate() {
-        let is_below = |other: &str| ROOMS[..row].iter().any(|(name, _)| *name == other);
-        assert!(allowed.split(' ').all(|other| other.is_empty() || is_below(other)), "{room} uses a room above it");
+fn rooms_inside_a_module_use_only_rooms_below() {
+    for (module, rooms) in [("render", &RENDER_ROOMS[..]), ("viewer", &VIEWER_ROOMS[..])] {
+        for (row, (room, allowed)) in rooms.iter().enumerate() {
+            let is_below = |other: &str| rooms[..row].iter().any(|(name, _)| *name == other);
+            assert!(allowed.split(' ').all(|other| other.is_empty() || is_below(other)), "{room} uses a room above it");
+        }
+        assert_eq!(violations_inside(module, rooms, &sources()), Vec::<String>::new());
     }
-    assert_eq!(violations_in_render(&sources()), Vec::<String>::new());
 }
 
 #[test]
@@ -170,7 +182,7 @@ fn a_forbidden_edge_inside_render_is_found() {
         ("lib.rs", "mod render;"),
     ];
     let owned: Vec<_> = sources.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect();
-    assert_eq!(violations_in_render(&owned), ["render/scene/cache.rs: scene may not use slabs"]);
+    assert_eq!(violations_inside("render", &RENDER_ROOMS, &owned), ["render/scene/cache.rs: scene may not use slabs"]);
 }
 
 #[test]

@@ -6,10 +6,9 @@ use glam::DVec2;
 
 use crate::pixels::Pixels;
 use crate::rules::Background;
-use crate::viewer::frame::{Side, needs_whole};
-use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::model::{
-    CompareTarget, Comparison, PictureContent, Request, Viewer, WindowRequest, camera_of, cropped, fitted,
+    CompareTarget, Comparison, JobEvent, PictureContent, Reporter, Request, Side, Viewer, WindowRequest, camera_of,
+    cropped, fitted, needs_whole,
 };
 
 /// Longest side of a thumbnail, in pixels.

@@ -11,11 +11,9 @@ use crate::gpu::Device;
 use crate::pagefile::write;
 use crate::pagefile::write::Job;
 use crate::scene::{Gaussians, Scene};
-use crate::viewer::frame::needs_whole;
-use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::model::{
-    Change, Contributions, Counts, DrawnScene, Edit, EditResult, Layer, LoadedScene, MIN_VISIBLE, Outline, Property,
-    Request, Selection, SelectionMode, Tool, ToolStroke, Viewer,
+    Change, Contributions, Counts, DrawnScene, Edit, EditResult, JobEvent, Layer, LoadedScene, MIN_VISIBLE, Outline,
+    Property, Reporter, Request, Selection, SelectionMode, Tool, ToolStroke, Viewer, needs_whole,
 };
 
 impl Viewer {

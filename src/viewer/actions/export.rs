@@ -12,9 +12,8 @@ use crate::pixels::{Alpha, Pixels, Video, has_ffmpeg, is_video, write_rgba8};
 use crate::render::{Inspection, depths};
 use crate::rules::Background;
 use crate::scene::Cancelled;
-use crate::viewer::frame::{Drawn, Plan, Reusable, Side};
-use crate::viewer::jobs::{Cancel, JobEvent};
-use crate::viewer::model::Viewer;
+use crate::viewer::jobs::Cancel;
+use crate::viewer::model::{Drawn, JobEvent, Plan, Reusable, Side, Viewer};
 
 /// Memory for pictures that are encoded in parallel.
 const PARALLEL_BYTES: u64 = 1 << 30;

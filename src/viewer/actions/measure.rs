@@ -9,9 +9,8 @@ use crate::gpu::Device;
 use crate::measure::trade::{Budget, choose_for, spread};
 use crate::packing::Statistics;
 use crate::scene::{Cancelled, Gaussians};
-use crate::viewer::frame::{Reusable, Side};
-use crate::viewer::jobs::{Cancel, JobEvent, Reporter, costs};
-use crate::viewer::model::{Evaluation, PosedPhotograph, Purpose, Viewer};
+use crate::viewer::jobs::{Cancel, costs};
+use crate::viewer::model::{Evaluation, JobEvent, PosedPhotograph, Purpose, Reporter, Reusable, Side, Viewer};
 
 /// Cameras of the file, besides the current view, for which a budget must hold.
 const BUDGET_CAMERAS: usize = 7;

@@ -7,10 +7,9 @@ use anyhow::Result;
 use crate::camera::CameraFile;
 use crate::formats::{LOD_META, Reading, in_folder};
 use crate::scene::{Cancelled, Unreadable};
-use crate::viewer::jobs::{JobEvent, Reporter};
 use crate::viewer::model::{
-    CompareTarget, CompareWith, Event, Layer, LayerSource, OpenedScene, Photographs, Viewer, holds_photographs,
-    is_project,
+    CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Photographs, Reporter, Viewer,
+    holds_photographs, is_project,
 };
 
 /// The path of typed or pasted text, which may have surrounding spaces, quotes, file://, or ~ for the home folder. An

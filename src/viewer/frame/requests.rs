@@ -5,11 +5,12 @@ use std::sync::Arc;
 use anyhow::Result;
 use egui::ColorImage;
 
-use super::pictures::{Drawn, Reusable, Side, needs_whole};
-use super::screen::{Arrangement, Pair, Screen, Second};
+use super::screen::{Arrangement, Screen};
 use super::session::Session;
 use crate::render::{Attribute, Compare, Inspection, Quantity};
-use crate::viewer::model::{Event, ExplainedPixel, Request, WindowRequest};
+use crate::viewer::model::{
+    Drawn, Event, ExplainedPixel, Pair, Request, Reusable, Second, Side, WindowRequest, needs_whole,
+};
 
 impl Session {
     /// Executes the requests that need the device; returns those for the owner of the window.

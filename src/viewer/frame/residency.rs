@@ -1,10 +1,8 @@
 //! Residency of the pages of paged scenes: the title, events, and polling.
 
-use super::pictures::Drawn;
-use super::screen::Second;
 use super::session::Session;
 use crate::render::Residency;
-use crate::viewer::model::Event;
+use crate::viewer::model::{Drawn, Event, Second};
 
 impl Session {
     /// Residency of the picture that has more missing pages.

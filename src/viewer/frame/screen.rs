@@ -7,13 +7,13 @@ use std::sync::Arc;
 use anyhow::Result;
 use egui::{ClippedPrimitive, TexturesDelta};
 
-use super::pictures::{Drawn, Side};
 use crate::camera::Camera;
 use crate::gpu::{
     Access, Acquisition, Commands, Device, Image, InFlight, Overlay, Presentation, Swapchain, Timestamps, Timing, Vsync,
 };
 use crate::render::{Compare, Display, Path, Picture, Quantity, Recorded, Totals, upload_pixels};
 use crate::rules::Background;
+use crate::viewer::model::{Pair, Second, Side};
 
 /// Frames in flight: the GPU draws one while the next is prepared.
 const FRAMES_IN_FLIGHT: usize = 2;
@@ -77,20 +77,6 @@ pub struct RetiredPicture {
     pub totals: Option<Totals>,
 }
 
-/// The two pictures of a screen.
-#[derive(Default)]
-pub struct Pair {
-    pub first: Option<Drawn>,
-    pub second: Option<Second>,
-}
-
-/// The picture with which the first one is compared.
-pub enum Second {
-    Drawn(Box<Drawn>),
-    /// A picture that the GPU did not draw, in the size of the first.
-    Image(Image),
-}
-
 /// The outcome of showing a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shown {
@@ -110,26 +96,6 @@ pub struct Arrangement<'a> {
     /// The panels.
     pub triangles: &'a [ClippedPrimitive],
     pub pixels_per_point: f32,
-}
-
-impl Second {
-    pub fn drawn(&self) -> Option<&Drawn> {
-        match self {
-            Self::Drawn(drawn) => Some(drawn),
-            Self::Image(_) => None,
-        }
-    }
-}
-
-impl Pair {
-    /// The pictures that the GPU draws, by side.
-    pub fn drawn(&mut self) -> impl Iterator<Item = (Side, &mut Drawn)> {
-        let second = self.second.as_mut().and_then(|second| match second {
-            Second::Drawn(drawn) => Some((Side::Second, &mut **drawn)),
-            Second::Image(_) => None,
-        });
-        self.first.as_mut().map(|drawn| (Side::First, drawn)).into_iter().chain(second)
-    }
 }
 
 impl Screen {

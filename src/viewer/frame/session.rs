@@ -5,11 +5,10 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
-use super::pictures::{Side, needs_whole};
-use super::screen::{Arrangement, Pair, RetiredPicture, Screen, Shown};
+use super::job_events;
+use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
 use crate::render::{Compare, Quantity};
-use crate::viewer::jobs::events;
-use crate::viewer::model::{CompareTarget, Event, InspectionSettings, Viewer, WindowRequest};
+use crate::viewer::model::{CompareTarget, Event, InspectionSettings, Pair, Side, Viewer, WindowRequest, needs_whole};
 use crate::viewer::panels;
 
 /// The interval at which the shaders that are compiled at run time are checked for changes.
@@ -139,7 +138,7 @@ impl Session {
     /// Handles the events of jobs, without showing anything.
     pub fn poll_jobs(&mut self) {
         for event in self.viewer.jobs.poll() {
-            events::handle(&mut self.viewer, &mut self.pair, self.screen.device(), event);
+            job_events::handle(&mut self.viewer, &mut self.pair, self.screen.device(), event);
         }
     }
 
@@ -203,8 +202,8 @@ impl Session {
             self.viewer.events.emit(&Event::Message { is_error, text });
         }
         let device = self.screen.device();
-        events::build(&mut self.viewer, &mut self.pair, device);
-        events::fit_picture(&mut self.viewer, &mut self.pair, device)?;
+        job_events::build(&mut self.viewer, &mut self.pair, device);
+        job_events::fit_picture(&mut self.viewer, &mut self.pair, device)?;
         self.apply_inspection()?;
         self.viewer.pictures.are_stale |= self.has_wrong_size();
         let draws = self.viewer.pictures.are_stale;

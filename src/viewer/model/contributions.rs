@@ -5,13 +5,13 @@ use std::sync::Arc;
 use anyhow::{Result, ensure};
 
 use super::loaded_scene::LoadedScene;
+use super::plan::Plan;
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::options::Options;
 use crate::packing::Statistics;
 use crate::render::Pruner;
 use crate::scene::{Gaussians, Transform};
-use crate::viewer::frame::Plan;
 
 /// Least contribution of a Gaussian that counts as visible: a smaller one changes no pixel by more than an 8-bit step.
 pub const MIN_VISIBLE: f32 = 1.0 / 255.0;

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 
 use super::comparison::over;
+use super::plan::{Plan, Reusable};
 use crate::camera::{Camera, NamedCamera};
 use crate::gpu::Device;
 use crate::measure::metrics::{psnr, ssim};
 use crate::pixels::Pixels;
 use crate::rules::Background;
-use crate::viewer::frame::{Plan, Reusable};
 
 /// The difference of a camera's picture from its photograph.
 #[derive(Clone, Debug, PartialEq)]

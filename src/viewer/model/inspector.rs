@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::plan::Side;
 use super::snapshot::{Snapshot, fitted_range};
 use super::view_modes::InspectionSettings;
 use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::render::Explanation;
-use crate::viewer::frame::Side;
 
 /// Most marks: three points define a plane.
 const MARKS: usize = 3;

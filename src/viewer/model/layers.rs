@@ -8,6 +8,7 @@ use glam::{DQuat, DVec3, EulerRot};
 
 use super::edit::Edit;
 use super::edit_result::EditResult;
+use super::job_event::{JobEvent, Jobs};
 use super::loaded_scene::{LoadedScene, OpenedScene};
 use crate::formats;
 use crate::formats::Reading;
@@ -15,7 +16,7 @@ use crate::pagefile;
 use crate::pagefile::PageFile;
 use crate::procedural::Procedural;
 use crate::scene::{Focus, Gaussians, Scene, Transform, Watch, remarks};
-use crate::viewer::jobs::{Cancel, FileStamp, JobEvent, Jobs, file_watch};
+use crate::viewer::jobs::{Cancel, FileStamp, file_watch};
 
 /// The source of a scene.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! The state of a viewer: plain data that actions change and panels show.
+//! The state of a viewer, which actions change and panels show.
 //!
 //! The viewer and its parts:
 //! - `viewer` - `Viewer`, which owns the parts below, and the plans of its pictures
@@ -6,16 +6,17 @@
 //! - `requests` - requests of panels and keys that need the device or the window
 //! - `scenes`, `layers`, `loaded_scene` - the open scenes, one layer each, and their Gaussians
 //! - `view`, `cameras`, `photographs`, `evaluation` - the view, the camera file, and its photographs
+//! - `plan` - plans of the two pictures, and their builds: a scene on the GPU with its renderer
 //! - `pictures` - which of the two pictures are stale, building or refused
 //! - `comparison`, `snapshot` - the second picture, and pixel values read back for numbers
 //! - `inspector`, `view_modes` - view modes, marks, and the explained pixel
-//! - `timing`, `rate` - frame times, and the control that keeps a frame rate
+//! - `timing`, `frame_times`, `rate` - frame times, the pace of the window, and the control that keeps a frame rate
 //! - `measuring` - costs of knobs and error budgets
 //! - `film`, `export` - the camera path, and the files to write
 //! - `editing`, `edit`, `edit_result`, `contributions`, `undo` - tools, selections, their results, and undo
 //! - `drag`, `gizmo` - the pointer over the picture, and the handles of a scene
 //! - `panels`, `dialog`, `recent`, `messages` - panels, file dialogs, the state kept between windows, messages
-//! - `keys`, `events`, `project` - key bindings, events for scripts, and project files
+//! - `keys`, `events`, `job_event`, `project` - key bindings, events for scripts, events of jobs, and project files
 
 mod cameras;
 mod comparison;
@@ -29,8 +30,10 @@ mod evaluation;
 mod events;
 mod export;
 mod film;
+mod frame_times;
 mod gizmo;
 mod inspector;
+mod job_event;
 mod keys;
 mod layers;
 mod loaded_scene;
@@ -39,6 +42,7 @@ mod messages;
 mod panels;
 mod photographs;
 mod pictures;
+mod plan;
 mod project;
 mod rate;
 mod recent;
@@ -63,14 +67,17 @@ pub use edit::{Change, Counts, Outline, Property, Selection, SelectionMode};
 pub(crate) use edit_result::EditResult;
 pub(crate) use evaluation::{Evaluation, EvaluationRow, PosedPhotograph};
 pub(crate) use events::Event;
+pub use frame_times::Digest;
 pub(crate) use gizmo::{Gizmo, turned};
 pub(crate) use inspector::ExplainedPixel;
+pub(crate) use job_event::{JobEvent, Jobs, Reporter};
 pub use keys::Bindings;
 pub(crate) use keys::{ACTIONS, Action, Chord};
 pub(crate) use layers::{Layer, LayerSource, Placement};
-pub(crate) use loaded_scene::{LoadedScene, OpenedScene, are_same};
+pub(crate) use loaded_scene::{LoadedScene, OpenedScene};
 pub(crate) use measuring::{Measurement, Purpose};
 pub(crate) use photographs::{Photographs, camera_of, holds_photographs};
+pub(crate) use plan::{Drawn, Pair, Plan, Reusable, Second, Side, needs_whole};
 pub(crate) use project::{PROJECT_ENDING, PlacedScene, Project, ProjectView, is_project, relative_to};
 pub(crate) use rate::RateControl;
 pub use recent::{RecentState, Tab};

@@ -2,9 +2,9 @@
 
 use std::time::SystemTime;
 
-use crate::viewer::frame::Plan;
+use super::plan::Plan;
 
-/// The state of the two pictures. Arrays are indexed by [`Side`](crate::viewer::frame::Side).
+/// The state of the two pictures. Arrays are indexed by [`Side`](super::plan::Side).
 pub struct Pictures {
     /// The pictures must be drawn again.
     pub are_stale: bool,

@@ -2,9 +2,9 @@
 
 use std::time::Instant;
 
+use super::frame_times::{FrameTimes, Pace};
 use super::rate::RateControl;
 use crate::gpu::Vsync;
-use crate::viewer::frame::{FrameTimes, Pace};
 
 /// Times of frames, and the settings that affect them.
 pub struct Timing {

@@ -1,8 +1,8 @@
 //! View modes: values shown in place of colours, and the scales of false colours.
 
+use super::plan::{Drawn, Side};
 use crate::camera::Camera;
 use crate::render::{Attribute, Inspection, Look, Quantity, Scale, Work};
-use crate::viewer::frame::{Drawn, Side};
 
 /// A view mode, as the command line and the panel list it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,10 +11,12 @@ use super::events::Events;
 use super::export::Export;
 use super::film::Film;
 use super::inspector::Inspector;
+use super::job_event::Jobs;
 use super::measuring::Measuring;
 use super::messages::Messages;
 use super::panels::Panels;
 use super::pictures::Pictures;
+use super::plan::{Plan, Side};
 use super::recent::{RecentState, Tab};
 use super::requests::Request;
 use super::scenes::Scenes;
@@ -24,8 +26,6 @@ use super::view::View;
 use crate::options::Options;
 use crate::render::Quantity;
 use crate::rules::Rules;
-use crate::viewer::frame::{Plan, Side};
-use crate::viewer::jobs::Jobs;
 
 /// The state of a viewer.
 pub struct Viewer {

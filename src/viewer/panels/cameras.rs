@@ -6,8 +6,7 @@ use super::overlay::label;
 use super::quality::progress;
 use super::world_painter::WorldPainter;
 use crate::pixels::Pixels;
-use crate::viewer::frame::{Plan, Side};
-use crate::viewer::model::{Evaluation, EvaluationRow, Purpose, Request, Viewer, WindowRequest};
+use crate::viewer::model::{Evaluation, EvaluationRow, Plan, Purpose, Request, Side, Viewer, WindowRequest};
 
 /// Depth of a drawn frustum, as a fraction of the scene's radius.
 const SIZE: f64 = 0.06;

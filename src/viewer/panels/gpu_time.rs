@@ -6,8 +6,7 @@ use indicatif::HumanCount;
 use crate::gpu::MemoryUse;
 use crate::measure::bench::Statistics;
 use crate::render::SlabReport;
-use crate::viewer::frame::{Digest, Pair};
-use crate::viewer::model::Viewer;
+use crate::viewer::model::{Digest, Pair, Viewer};
 
 /// Frames in the plot.
 const PLOTTED: usize = 120;

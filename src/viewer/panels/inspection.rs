@@ -5,8 +5,7 @@ use egui::{Color32, ComboBox, Context, DragValue, Grid, ScrollArea, Stroke, Ui, 
 use super::world_painter::WorldPainter;
 use crate::pixels::to_byte;
 use crate::render::{Explained, false_colour};
-use crate::viewer::frame::{Pair, Side};
-use crate::viewer::model::{Action, ExplainedPixel, Numbers, Request, VIEW_MODES, Viewer};
+use crate::viewer::model::{Action, ExplainedPixel, Numbers, Pair, Request, Side, VIEW_MODES, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let is_paged = viewer.scenes.are_paged();

@@ -29,8 +29,7 @@ mod world_painter;
 
 use egui::{Panel, RichText, ScrollArea, Theme, Ui};
 
-use crate::viewer::frame::Pair;
-use crate::viewer::model::{Action, DialogResult, SaveTarget, Tab, Viewer};
+use crate::viewer::model::{Action, DialogResult, Pair, SaveTarget, Tab, Viewer};
 pub(crate) use input::handle as handle_input;
 use world_painter::WorldPainter;
 

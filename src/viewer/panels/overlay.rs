@@ -3,8 +3,7 @@
 use egui::{Align2, Area, Color32, Context, FontId, Frame, LayerId, Painter, Pos2, Rect, RichText, Stroke, Ui};
 use indicatif::HumanCount;
 
-use crate::viewer::frame::{Pair, Side};
-use crate::viewer::model::{Action, CompareMode, CompareTarget, LoadedScene, Viewer};
+use crate::viewer::model::{Action, CompareMode, CompareTarget, LoadedScene, Pair, Side, Viewer};
 
 /// Space between the edge of the picture and labels, in points.
 pub(super) const MARGIN: f32 = 6.0;

@@ -3,9 +3,8 @@
 use egui::{ComboBox, DragValue, Grid, ProgressBar, RichText, Ui};
 
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
-use crate::viewer::frame::Pair;
 use crate::viewer::jobs::{ALL_KNOBS, KnobCost};
-use crate::viewer::model::{Measurement, Purpose, RateControl, Request, Viewer};
+use crate::viewer::model::{Measurement, Pair, Purpose, RateControl, Request, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);

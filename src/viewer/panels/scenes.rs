@@ -6,8 +6,7 @@ use egui::{DragValue, Ui};
 use indicatif::HumanCount as count;
 
 use crate::render::{Path, Residency};
-use crate::viewer::frame::Pair;
-use crate::viewer::model::{Action, CompareTarget, Layer, Viewer};
+use crate::viewer::model::{Action, CompareTarget, Layer, Pair, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let has_second = matches!(viewer.comparison.target, CompareTarget::Options(_));

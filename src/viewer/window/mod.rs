@@ -26,8 +26,7 @@ use self::fault::FaultKind;
 use crate::gpu::{DeviceLost, Unavailable};
 use crate::host_memory::OutOfMemory;
 use crate::viewer::frame::{FrameOutput, Screen, Session, Shown};
-use crate::viewer::jobs::Jobs;
-use crate::viewer::model::{Event, Viewer, WindowRequest};
+use crate::viewer::model::{Event, Jobs, Viewer, WindowRequest};
 
 /// Wakes the event loop: a job has sent an event.
 #[derive(Debug)]

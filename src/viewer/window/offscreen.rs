@@ -10,9 +10,8 @@ use crate::camera::NamedCamera;
 use crate::gpu::Device;
 use crate::measure::bench::Statistics;
 use crate::render::{Path, Residency};
-use crate::viewer::frame::{Digest, FrameOutput, Screen, Session};
-use crate::viewer::jobs::Jobs;
-use crate::viewer::model::{CompareTarget, Setup, Viewer};
+use crate::viewer::frame::{FrameOutput, Screen, Session};
+use crate::viewer::model::{CompareTarget, Digest, Jobs, Setup, Viewer};
 
 /// A viewer that a program drives, without a window.
 pub struct Offscreen {

@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use anyhow::Result;
 
-use super::JobEvent;
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
 use crate::render::upload_pixels;
 use crate::scene::{Cancelled, Unreadable};
-use crate::viewer::frame::{Drawn, Pair, Second, Side};
-use crate::viewer::model::{CompareTarget, Event, LoadedScene, Viewer, fitted, over};
+use crate::viewer::model::{
+    CompareTarget, Drawn, Event, JobEvent, LoadedScene, Pair, Second, Side, Viewer, fitted, over,
+};
 
 /// Handles an event of a job. `device` is the one that the window draws on.
 pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobEvent) {

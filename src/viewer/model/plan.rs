@@ -5,14 +5,14 @@ use std::time::SystemTime;
 
 use anyhow::{Result, bail};
 
+use super::loaded_scene::{LoadedScene, are_same};
 use crate::camera::Camera;
-use crate::gpu::Device;
+use crate::gpu::{Device, Image};
 use crate::options::Options;
 use crate::packing::{Layout, Statistics};
 use crate::render::{Content, Frame, GpuScene, Inspection, Path, Renderer, Residency, SceneSource, Upload};
 use crate::rules::Background;
 use crate::scene::{Gaussians, SceneInstances, Transform};
-use crate::viewer::model::{LoadedScene, are_same};
 
 /// One of the two pictures that a window can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -194,5 +194,39 @@ impl Drawn {
     pub fn buffers(&self) -> Vec<(String, u64)> {
         let all = self.scene.buffers().into_iter().chain(self.renderer.buffers());
         all.map(|(name, bytes)| (name.to_owned(), bytes)).collect()
+    }
+}
+
+/// The two pictures of a viewer.
+#[derive(Default)]
+pub struct Pair {
+    pub first: Option<Drawn>,
+    pub second: Option<Second>,
+}
+
+/// The picture with which the first one is compared.
+pub enum Second {
+    Drawn(Box<Drawn>),
+    /// A picture that the GPU did not draw, in the size of the first.
+    Image(Image),
+}
+
+impl Second {
+    pub fn drawn(&self) -> Option<&Drawn> {
+        match self {
+            Self::Drawn(drawn) => Some(drawn),
+            Self::Image(_) => None,
+        }
+    }
+}
+
+impl Pair {
+    /// The pictures that the GPU draws, by side.
+    pub fn drawn(&mut self) -> impl Iterator<Item = (Side, &mut Drawn)> {
+        let second = self.second.as_mut().and_then(|second| match second {
+            Second::Drawn(drawn) => Some((Side::Second, &mut **drawn)),
+            Second::Image(_) => None,
+        });
+        self.first.as_mut().map(|drawn| (Side::First, drawn)).into_iter().chain(second)
     }
 }
