@@ -59,7 +59,8 @@ pub(super) fn scene() -> Gaussians {
 }
 
 #[test]
-fn every_preset_and_every_knob_is_a_row() {
+#[ignore = "long: every knob is measured"]
+fn long_every_preset_and_every_knob_is_a_row() {
     let folder = tempfile::tempdir().unwrap();
     let plot = path(&folder, "a.svg");
     let (report, text) = report("cactus:300", "knobs", &["--plot", &plot]);
@@ -241,7 +242,8 @@ fn a_budget_holds_for_the_background_of_the_picture() {
 }
 
 #[test]
-fn render_reports_the_options_chosen_for_a_budget() {
+#[ignore = "long: a budget is searched"]
+fn long_render_reports_the_options_chosen_for_a_budget() {
     let folder = tempfile::tempdir().unwrap();
     let out = path(&folder, "a.npy");
     let common = ["render", "many-small:200", "--size", "32x24", "-o"];

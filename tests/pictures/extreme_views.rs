@@ -50,7 +50,8 @@ fn images_larger_than_the_device_allows_are_refused() {
 }
 
 #[test]
-fn more_than_65535_tiles_agree() {
+#[ignore = "long: a picture of more than 65,535 tiles"]
+fn long_more_than_65535_tiles_agree() {
     let raws = [
         (ball([0.0, 0.0, 5.0], 0.4, 0.9), RED),
         (ball([-4.0, -4.0, 6.0], 0.01, 0.9), GREEN),

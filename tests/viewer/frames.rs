@@ -148,7 +148,8 @@ fn several_scenes_are_drawn_together_and_can_be_placed() {
 }
 
 #[test]
-fn knobs_are_measured_and_chosen_by_a_budget() {
+#[ignore = "long: every knob is measured, and a budget searched"]
+fn long_knobs_are_measured_and_chosen_by_a_budget() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:300"]));
     offscreen.viewer().options.key_bits = 16;

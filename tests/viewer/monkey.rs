@@ -11,7 +11,16 @@ use crate::common::random::Random;
 /// picture.
 #[test]
 fn a_monkey_breaks_nothing() {
-    const ACTIONS: u32 = 1000;
+    act_at_random(200);
+}
+
+#[test]
+#[ignore = "long: a thousand actions"]
+fn long_a_monkey_breaks_nothing() {
+    act_at_random(1000);
+}
+
+fn act_at_random(actions: u32) {
     const KEYS: [Key; 17] = [
         Key::V,
         Key::B,
@@ -35,7 +44,7 @@ fn a_monkey_breaks_nothing() {
     let mut offscreen = open(&gpu, setup(&["cactus:300"]));
     let (view, first) = (offscreen.viewer().view.camera(), shown(&mut offscreen));
     let mut random = Random(7);
-    for _ in 0..ACTIONS {
+    for _ in 0..actions {
         match random.below(6) {
             0 | 1 => {
                 let which = [PointerButton::Primary, PointerButton::Secondary, PointerButton::Middle];
@@ -67,7 +76,7 @@ fn a_monkey_breaks_nothing() {
     {
         frame(&mut offscreen, Vec::new());
     }
-    for _ in 0..2 * ACTIONS {
+    for _ in 0..2 * actions {
         offscreen.viewer().undo(false);
     }
     offscreen.viewer().messages = Default::default();

@@ -167,7 +167,8 @@ fn mouse_and_keys_move_the_view() {
 }
 
 #[test]
-fn the_window_can_have_any_size() {
+#[ignore = "long: windows of many sizes"]
+fn long_the_window_can_have_any_size() {
     let _turn = Turn::take();
     let desktop = Desktop::open(true);
     let mut viewer = Viewer::open(&desktop, &[&SMALL[..], &["--near", "0.05"]].concat(), |_| {});
@@ -200,7 +201,8 @@ fn the_window_can_have_any_size() {
 
 /// What the swapchain, the pictures and the drivers keep of each size would show after a thousand.
 #[test]
-fn a_thousand_resizes_leave_nothing_behind() {
+#[ignore = "long: a thousand resizes"]
+fn long_a_thousand_resizes_leave_nothing_behind() {
     const MOST_GROWTH: u64 = 16 << 20; // bytes, of the heap's fragments and the layer's own records
     let _turn = Turn::take();
     let desktop = Desktop::open(false);

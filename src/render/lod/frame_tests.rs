@@ -170,7 +170,8 @@ fn attributes(device: &Device, source: &SceneSource, options: &Options, camera: 
 
 /// Whole scenes are drawn by the portable path where attributes are shown, pages by the fast one.
 #[test]
-fn pages_show_the_attributes_of_the_scene() {
+#[ignore = "long: ten attributes of four scenes"]
+fn long_pages_show_the_attributes_of_the_scene() {
     let ((gaussians, file), device) = (scene(), open(None));
     let camera = view(&gaussians, 0.8);
     let whole = SceneSource::of(gaussians.clone());
