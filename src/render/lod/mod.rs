@@ -6,9 +6,9 @@
 //! - `frame` - frames of paged scenes on the fast path in one submission, and the load of missing pages when a frame
 //!   waits for them
 //!
-//! The clamp of a level whose children are missing: `fallback_limits` of `streaming/fallback`, applied in
-//! `glsl/lod/select_pages.comp`. Opacities of cross-fading nodes: `glsl/lod/nodes.glsl`. The mathematics of nodes and
-//! error codes is in `crate::lod`.
+//! The clamp of a level whose children are missing: `glsl/lod/select_pages.comp`, with the limits that
+//! `fallback_limits` of `streaming/fallback` computes. Opacities of cross-fading nodes: `glsl/lod/nodes.glsl`. The
+//! mathematics of nodes and error codes is in `crate::lod`.
 
 mod frame;
 mod selection;

@@ -102,8 +102,8 @@ impl LodSelector {
             draw_list,
             page_numbers,
             state: Buffer::new(device, "state of the cut", 1)?,
-            fallback_limits: Buffer::new(device, "floors of pages", count)?,
-            requests: Buffer::new(device, "missing pages", 1)?,
+            fallback_limits: Buffer::new(device, "fallback limits of pages", count)?,
+            requests: Buffer::new(device, "page requests", 1)?,
             params: SelectionParams::default(),
             has_levels: pages.levels().is_some(),
         };
@@ -170,7 +170,7 @@ impl LodSelector {
     /// # Errors
     /// If memory runs out.
     pub fn reserve_requests(&mut self, device: &Device, capacity: usize) -> Result<()> {
-        self.requests = Buffer::new(device, "missing pages", capacity)?;
+        self.requests = Buffer::new(device, "page requests", capacity)?;
         Ok(())
     }
 

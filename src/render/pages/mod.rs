@@ -1,7 +1,7 @@
 //! Pages of Gaussians in a frame: culling, the draw list, and the projection of its pages.
 //!
-//! - `visibility` - bounds of a page in the image and in depth, and tests of pages against open bins: for frames in
-//!   depth slabs. Before, all frames cull pages on the GPU (`glsl/lod/cull_pages.comp`, `lod/selection`)
+//! - `visibility` - bounds of a page in the image and in depth, and tests of pages against open bins, for frames in
+//!   depth slabs. Every frame first culls pages on the GPU (`glsl/lod/cull_pages.comp`, `lod/selection`)
 //! - `draw_list` - the views and pages of a dispatch, as the shaders read them
 //! - `projection` - the stage `project` of the fast path for the pages of a draw list
 //!

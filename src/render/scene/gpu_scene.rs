@@ -59,7 +59,7 @@ pub(crate) struct Paged {
     cache: Arc<Mutex<PageCache>>,
     /// The slot of each page.
     pub slots: Buffer<u32>,
-    /// For each page, the frame that requested it last, and its priority.
+    /// For each page, the stamp of the last streamed frame that used it, and its priority then.
     pub last_used: Buffer<u32>,
     /// The indices of the Gaussians in the planes.
     pub indices: Buffer<u32>,

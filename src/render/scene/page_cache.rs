@@ -104,7 +104,7 @@ impl PageCache {
         };
         let capacity = NonZeroUsize::new(slots).context("a page cache has a slot")?;
         let slots_on_device = Buffer::new(device, "slots of pages", pages.pages().len())?;
-        let last_used = Buffer::new(device, "wanted pages", pages.pages().len())?;
+        let last_used = Buffer::new(device, "last use of pages", pages.pages().len())?;
         let mut cmd = Commands::new(device)?;
         cmd.fill(&slots_on_device, NO_SLOT);
         cmd.fill(&last_used, 0);

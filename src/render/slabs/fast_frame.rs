@@ -99,7 +99,7 @@ impl FastSlabs {
             if let Some(following) = progress.partition.after(next.end) {
                 // The pages of the next slab are read while the device draws. A page that cannot be read is reported
                 // when a slab needs it.
-                _ = input.prefetch(device, &following);
+                _ = input.load_ahead(device, &following);
             }
             let results = slab.commands.wait()?;
             progress.add_timings(results.timings());

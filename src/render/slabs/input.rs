@@ -150,11 +150,11 @@ impl<'a> SlabInput<'a> {
         }
     }
 
-    /// Prefetches pages that a slab will probably need.
+    /// Loads pages that a slab will probably need, before its partition is known.
     ///
     /// # Errors
     /// If a page cannot be read.
-    pub fn prefetch(&mut self, device: &Device, slab: &Range<SortPosition>) -> Result<()> {
+    pub fn load_ahead(&mut self, device: &Device, slab: &Range<SortPosition>) -> Result<()> {
         let Self::Paged(paged) = self else { return Ok(()) };
         if paged.cache.has_all() {
             return Ok(());

@@ -20,8 +20,8 @@ pub struct ResidencySnapshot {
     pub loading: HashSet<u32>,
     /// Pages whose read failed.
     pub unreadable: HashSet<u32>,
-    /// Pages that must not be evicted, or are being evicted already.
-    pub pinned: HashSet<u32>,
+    /// Pages that are pinned, or being evicted already.
+    pub not_evictable: HashSet<u32>,
     /// Slots that are free and not reserved for loading pages.
     pub free_slots: usize,
     /// Largest number of loads to schedule.
@@ -90,7 +90,7 @@ fn evictions(
     }
     let rank = |page: u32| (hierarchy.priority(&requests, page), Reverse(age(last_used[page as usize])), page);
     let resident = snapshot.is_resident.iter().zip(0..).filter(|(is_resident, _)| **is_resident).map(|(_, page)| page);
-    let mut resident: Vec<_> = resident.filter(|page| !snapshot.pinned.contains(page)).map(rank).collect();
+    let mut resident: Vec<_> = resident.filter(|page| !snapshot.not_evictable.contains(page)).map(rank).collect();
     if missing.len() < resident.len() {
         resident.select_nth_unstable(missing.len());
         resident.truncate(missing.len());
@@ -137,7 +137,7 @@ mod tests {
             is_resident: is_resident.to_vec(),
             loading: HashSet::new(),
             unreadable: HashSet::new(),
-            pinned: HashSet::from([4]),
+            not_evictable: HashSet::from([4]),
             free_slots: 0,
             max_loads: 9,
         }

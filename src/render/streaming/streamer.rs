@@ -289,7 +289,7 @@ impl PageStreamer {
             stamp: self.params.stamp,
             is_resident: cache.residency().to_vec(),
             unreadable: self.unreadable.clone(),
-            pinned: pinned_pages(&cache).chain(self.evicting.iter().copied()).collect(),
+            not_evictable: pinned_pages(&cache).chain(self.evicting.iter().copied()).collect(),
             free_slots: cache.free_slots().saturating_sub(reserved),
             max_loads: MAX_LOADING.saturating_sub(loading.len()),
             loading,
