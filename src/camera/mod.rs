@@ -1,4 +1,17 @@
 //! Cameras: pose and intrinsics of a pinhole camera, camera files, scripted paths, and navigation by mouse and keys.
+//!
+//! - `read` - finds camera files beside a scene and reads them
+//! - `file` - the content of a camera file, and the check that a camera can be drawn with
+//! - `cameras_json` - `cameras.json` of the original 3DGS
+//! - `transforms_json` - `transforms.json` of nerfstudio, instant-ngp and the Blender data sets
+//! - `dataparser` - `dataparser_transforms.json` of nerfstudio: from those coordinates to those of the scene
+//! - `colmap` - sparse models of COLMAP
+//! - `lens` - lens distortion of photographs, which pinhole cameras lack
+//! - `path` - scripted paths: orbit, turn on the spot, keyframes
+//! - `timeline` - a path of timed keys, and the smooth motion through them
+//! - `path_file` - the file of such a path
+//! - `control` - navigation by mouse and keys
+//! - `up` - the up axis of a world
 
 mod cameras_json;
 mod colmap;

@@ -1,4 +1,39 @@
 //! The commands of the program, one file each.
+//!
+//! # Commands
+//!
+//! - `render` - `smalto render`: pictures of a scene, drawn to files
+//! - `view`, `no_view` - `smalto view`: the window; and its error in a program without the viewer
+//! - `info` - `smalto info`: the description of a scene
+//! - `convert` - `smalto convert` and `smalto lod`: scenes written to other files, and levels of detail
+//! - `prune` - `smalto prune`: a scene without the Gaussians that contribute least
+//! - `bench` - `smalto bench`: the speed of frames and their stages
+//! - `trade` - `smalto trade`: the cost of accuracy
+//! - `compare` - `smalto compare`: the differences of pictures
+//! - `doctor` - `smalto doctor`: the Vulkan devices, and a test of one
+//! - `completions` - `smalto completions` and `smalto man`
+//! - `schemas` - `smalto schemas` (hidden): the JSON schemas of all reports
+//!
+//! # Arguments that commands share
+//!
+//! - `arguments` - the parser, options that need or exclude others, errors as one sentence
+//! - `scenes` - the scene argument, and how scene files are read
+//! - `drawable` - a scene that commands draw, with its name and its entry in reports
+//! - `cameras` - the cameras: of a file, a split of it, or along a path
+//! - `devices` - the choice of one or several devices
+//! - `knobs` - the knobs of `options` as flags
+//! - `budget` - error budgets, for which the options are chosen automatically
+//! - `environment` - environment variables
+//! - `pairs` - a test: each pair of options has an effect together or is refused
+//!
+//! # Output and state
+//!
+//! - `sink` - the destination of a report: a file or standard output
+//! - `table` - tables on the terminal
+//! - `progress` - the progress of long work
+//! - `dump` - `--dump`: the buffers of a frame as NumPy files
+//! - `interrupt` - signals that end the program
+//! - `pipeline_cache` - the file of compiled pipelines and passed self-tests
 
 mod arguments;
 mod bench;

@@ -1,4 +1,9 @@
 //! Images in memory and in files.
+//!
+//! - `plane` - images of one number per pixel: depth, splat counts, coverage
+//! - `read` - reads images from files
+//! - `write` - writes images to files
+//! - `video` - videos, made by the installed ffmpeg
 
 mod plane;
 mod read;

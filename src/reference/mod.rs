@@ -1,4 +1,7 @@
-//! The pipeline on the CPU in f64, one file per stage: the oracle that GPU pictures are compared with.
+//! The pipelines on the CPU in f64: the oracle that GPU pictures are compared with.
+//!
+//! Each stage of the portable path has a file. The stages of the fast path between projection and blend share `bins`.
+//! `ray` is no stage: it has the ideal sort key of a pixel. `prune` has the stages that measure contributions.
 //!
 //! It follows the given [`Rules`]: EWA splatting (Zwicker et al. 2001) with the clamp and dilation of the original
 //! 3DGS, and by default alpha in [1/255, 0.99], an exclusive stop at T < 1e-4, and one global order by (f32 view depth,

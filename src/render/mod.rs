@@ -1,38 +1,43 @@
 //! The renderer: scenes in device memory, the two paths that draw them, and the facade that chooses between them.
 //!
-//! Each room uses only rooms above it in this list; `tests/architecture/layers.rs` holds the table.
+//! Each room uses only rooms above it in this list; `->` names them, without the rooms that those use in turn.
+//! `RENDER_ROOMS` in `tests/architecture/layers.rs` is the whole table.
 //!
 //! **Ground.** `shaders` are the typed interfaces of `glsl/`, written by `build.rs`. `capacity` counts the elements of
 //! buffers, and their growth. `path` is the path and the limits of a frame. `readback`, `pack` and `upscale` handle
-//! images. `constants` maps options to specialization constants. -> `gpu`
+//! images. -> `gpu`
 //!
 //! **`scene`.** A scene before and in device memory, whole or as a cache of pages; `frame` has the view, the target and
-//! the depth keys of a frame. -> `shaders`
+//! the depth keys of a frame, and `constants` maps options to specialization constants, with a code of `frame`.
+//! -> `shaders`
 //!
 //! **`portable`.** The path that runs on every device: cull, project, sort by depth, list in tiles, blend.
-//! -> `scene`, `frame`
+//! -> `scene`, `frame`, `constants`, `capacity`
 //!
 //! **`fast`.** The path for subgroups of a known size: project, list in bins, sort and merge each list, blend.
-//! -> `scene`, `frame`
+//! -> `portable` (the size of sort digits)
 //!
 //! **`inspect`.** Pictures of attributes and of work, the explanation of a pixel, pictures on a screen. -> `portable`
 //!
-//! **`prune`.** The contribution of each Gaussian to pictures, and bounds on pictures without some. -> `portable`
+//! **`prune`.** The contribution of each Gaussian to pictures, and bounds on pictures without some.
+//! -> `portable`, `readback`
 //!
-//! **`pages`.** The pages in view, the list of pages that a dispatch draws, and their projection. -> `fast`
+//! **`pages`.** The pages in view, the list of pages that a dispatch draws, and their projection.
+//! -> `fast`, `inspect`
 //!
 //! **`lod`.** The selection of pages and LOD nodes on the GPU, and frames of a scene in pages. -> `pages`
 //!
 //! **`streaming`.** Requests, loads and evictions of pages beside frames that do not wait for them. -> `lod`
 //!
-//! **`slabs`.** Frames that do not fit into memory at once, drawn in depth slabs on either path. -> `lod`, `portable`
+//! **`slabs`.** Frames that do not fit into memory at once, drawn in depth slabs on either path. -> `lod`
 //!
 //! **`path_choice`.** The two engines, and the choice of the one that draws a frame; `recorded` has its counts and
-//! `self_test` compares the pictures of both paths at the start. -> `slabs`, `streaming`
+//! `self_test` compares the pictures of both paths at the start. -> `slabs`, `streaming`, `path`, `readback`
 //!
-//! **`renderer`.** The facade: a frame from camera to pixels, repeated until it fits. -> `path_choice`
+//! **`renderer`.** The facade: a frame from camera to pixels, repeated until it fits.
+//! -> `path_choice`, `self_test`, `upscale`
 //!
-//! **`frame_queue`.** Several frames in flight, and their pixels on the host. -> `renderer`
+//! **`frame_queue`.** Several frames in flight, and their pixels on the host. -> `renderer`, `pack`
 
 mod capacity;
 mod constants;

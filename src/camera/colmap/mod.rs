@@ -1,4 +1,9 @@
 //! Sparse models of COLMAP: `cameras` and `images`, as .bin or .txt. World to camera, axes right, down, forward.
+//!
+//! - `binary` - reads `cameras.bin` and `images.bin`
+//! - `text` - reads `cameras.txt` and `images.txt`
+//! - `models` - camera models, and the meaning of their parameters
+//! - `photograph` - a posed photograph
 
 mod binary;
 mod models;

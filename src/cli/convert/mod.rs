@@ -1,4 +1,8 @@
 //! `smalto convert`: writes one or several scenes to another file, optionally changed.
+//!
+//! - `target` - the file that a scene is written to: its format, checks before the work, the write itself
+//! - `pages` - conversion to a page file, of scenes that need not fit into memory
+//! - `lod` - `smalto lod`: levels of detail with their errors, or one level as a scene
 
 pub(super) mod lod;
 mod pages;

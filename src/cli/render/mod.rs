@@ -1,4 +1,21 @@
 //! `smalto render`: draws pictures of a scene to files.
+//!
+//! - `plan` - the cameras and files of a run, checked before anything is drawn
+//! - `camera_list` - the value of `--camera`
+//! - `outputs` - the files of a picture: layers, kinds, names
+//! - `start` - the start of a run: the scene is read while the device is opened
+//! - `draw` - draws and writes the pictures of a plan, on the GPU or with the reference
+//! - `queue` - the views that are left to draw
+//! - `device` - the work of one device: takes views and hands on their pixels
+//! - `encode` - encodes pictures on all cores
+//! - `buffer_pool` - host memory of frames
+//! - `video` - `--video`
+//! - `shard` - `--shard K/N`
+//! - `settings` - everything that determines the pictures of a run
+//! - `resume` - the record of one run, for `--resume`
+//! - `records` - all records in a folder of pictures
+//! - `verify` - `--verify`: missing and wrong files
+//! - `report` - the report, as it is written to JSON
 
 mod buffer_pool;
 mod camera_list;

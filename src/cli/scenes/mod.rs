@@ -1,4 +1,6 @@
 //! The scene argument of commands, and how scene files are read.
+//!
+//! - `piped` - scenes from standard input and other pipes, kept in a temporary file
 
 mod piped;
 

@@ -1,4 +1,6 @@
 //! Reads images from files.
+//!
+//! - `npy` - images as NumPy arrays; this file reads the other formats
 
 mod npy;
 

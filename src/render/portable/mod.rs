@@ -7,6 +7,7 @@
 //! - `sort` - the radix sort
 //! - `workspace` - every intermediate buffer of a frame
 //! - `least_bytes` - the fewest bytes that each stage moves
+//! - `stages` - [`PortableStages`]: the stages one at a time, for the ladder (`benches/ladder`)
 
 mod blend;
 mod least_bytes;

@@ -1,4 +1,6 @@
 //! The contribution of Gaussians to pictures, and pictures of a scene without some of them.
+//!
+//! - `pruner` - draws views with all Gaussians or without some; measures contributions and the largest changes
 
 mod pruner;
 

@@ -3,7 +3,8 @@
 //!
 //! - `scene_source` - a scene before it is on a device: Gaussians in memory or a page file, with scene instances
 //! - `gpu_scene` - the planes of Gaussians in device memory, with all of them or with the resident pages
-//! - `page_cache` - the pages in device memory, the least recently used of which are evicted
+//! - `page_cache` - the pages in device memory: it evicts the least recently used page, or in streamed frames the pages
+//!   that `streaming/schedule` chooses by priority
 //! - `self_test_input` - the Gaussians and the camera of the self-test of the fast path
 
 pub(crate) mod gpu_scene;

@@ -1,4 +1,7 @@
-//! The page cache: the resident pages of a scene, least recently used pages evicted first.
+//! The page cache: the resident pages of a scene. It evicts the least recently used page.
+//!
+//! In streamed frames `streaming/schedule` chooses the pages to evict, by priority; the cache demotes these pages to the
+//! least recently used ones.
 
 use std::num::NonZeroUsize;
 use std::ops::Range;

@@ -14,12 +14,8 @@
 //! - `progress` - the sums over the slabs of a frame
 //! - `report` - the report of a frame in slabs
 //!
-//! | word | meaning |
-//! |---|---|
-//! | sort position | the position of a splat in the total order: depth key, then index of its Gaussian |
-//! | slab | the splats from one sort position to another, which are projected, listed, sorted and blended together |
-//! | state | the colour and the transmittance of a pixel between two slabs |
-//! | open bin | a bin with a pixel that has not stopped; other bins take no more splats |
+//! The *state* of a pixel is its colour and its transmittance between two slabs. The glossary of
+//! `docs/architecture.md` has the other words.
 
 mod buffers;
 mod fast_frame;

@@ -2,8 +2,8 @@
 //!
 //! # Life of a page request
 //!
-//! 1. **Request**, on the GPU. `glsl/lod/select_pages.comp` records for each page in view that the selection needs the
-//!    frame's stamp and a priority (`last_used`), and requests it if it is missing. `PageStreamer::record_requests`
+//! 1. **Request**, on the GPU. For each page that the selection needs, `glsl/lod/select_pages.comp` writes the stamp of
+//!    the frame and a priority to `last_used`. It requests the page if it is missing. `PageStreamer::record_requests`
 //!    (`streamer`) reads the requests back, and also those for the predicted camera.
 //! 2. **Snapshot and schedule**. `PageStreamer::handle_requests` (`streamer`) combines the requests with the residency
 //!    of all pages in a `ResidencySnapshot`; a worker thread turns that into a `LoadSchedule` (`schedule`): the pages
