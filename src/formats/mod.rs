@@ -224,8 +224,8 @@ impl Format {
         if self.is_file_name() { self.name.to_owned() } else { format!(".{}", self.name) }
     }
 
-    #[cfg(feature = "viewer")]
     /// True if the format is written to a single file.
+    #[cfg(feature = "viewer")]
     pub(crate) fn is_written_file(&self) -> bool {
         self.write.is_some() && !self.is_file_name()
     }
