@@ -4,7 +4,7 @@
 //! - `file` - the content of a camera file, and the check that a camera can be drawn with
 //! - `cameras_json` - `cameras.json` of the original 3DGS
 //! - `transforms_json` - `transforms.json` of nerfstudio, instant-ngp and the Blender data sets
-//! - `dataparser` - `dataparser_transforms.json` of nerfstudio: from coordinates of `transforms.json` to those of a scene
+//! - `dataparser` - `dataparser_transforms.json` of nerfstudio: from its `transforms.json` to the scene
 //! - `colmap` - sparse models of COLMAP
 //! - `lens` - lens distortion of photographs, which pinhole cameras lack
 //! - `path` - scripted paths: orbit, turn on the spot, keyframes

@@ -20,8 +20,8 @@
 //!    arguments of a dispatch, and lengths are checked against device limits when a resource or stage is made.
 //! 5. *Trusted shaders and pipelines.* SPIR-V comes from `build.rs`, or with the feature `reload` from a developer's
 //!    folder of shaders, compiled by the same code and only with the same interface. The shaders bounds-check their own
-//!    indices; in checked mode the device's robust buffer access is on as well. The pipeline cache of a driver is loaded
-//!    only if its hash is intact, so that the driver gets only data that it wrote itself.
+//!    indices; in checked mode the device's robust buffer access is on as well. The pipeline cache of a driver is
+//!    loaded only if its hash is intact, so that the driver gets only data that it wrote itself.
 //! 6. *Plain data.* Only `bytemuck::Pod` types cross between host and device.
 //!
 //! Public functions are safe under these clauses, with one precondition that types do not express:

@@ -1,7 +1,7 @@
 //! The page cache: the resident pages of a scene. It evicts the least recently used page.
 //!
-//! In streamed frames `streaming/schedule` chooses the pages to evict, by priority; the cache demotes these pages to the
-//! least recently used ones.
+//! In streamed frames `streaming/schedule` chooses the pages to evict, by priority; the cache demotes these pages to
+//! least recently used.
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
