@@ -269,6 +269,7 @@ fn a_turn_of_the_wheel_is_undone_at_once() {
 fn a_message_is_laid_out_at_once() {
     let gpu = Gpu::new();
     let mut offscreen = open(&gpu, setup(&["cactus:500"]));
+    offscreen.session.context().global_style_mut(|style| style.animation_time = 1000.0);
     let before = shown(&mut offscreen);
     offscreen.viewer().messages.error("what is wrong");
     frame(&mut offscreen, Vec::new());

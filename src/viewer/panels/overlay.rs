@@ -130,7 +130,9 @@ fn drop_hint(free: Rect, context: &Context) {
 /// The messages, in the lower left corner.
 fn messages(viewer: &mut Viewer, context: &Context) {
     let mut closed = None;
-    Area::new(MESSAGES.into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]).show(context, |ui| {
+    let area = Area::new(MESSAGES.into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]);
+    // Without this, egui would draw the first message of a session nearly transparent, until the next layout.
+    area.fade_in(false).show(context, |ui| {
         ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
         let errors = viewer.messages.shown().iter().filter(|message| message.is_error).count();
         for (index, message) in viewer.messages.shown().iter().enumerate() {
