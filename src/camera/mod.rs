@@ -10,6 +10,7 @@
 //! - `path` - scripted paths: orbit, turn on the spot, keyframes
 //! - `timeline` - a path of timed keys, and the smooth motion through them
 //! - `path_file` - the file of such a path
+//! - `nerfstudio_path` - `camera_path.json` of nerfstudio's viewer
 //! - `control` - navigation by mouse and keys
 //! - `up` - the up axis of a world
 
@@ -19,6 +20,7 @@ pub mod control;
 mod dataparser;
 mod file;
 mod lens;
+mod nerfstudio_path;
 pub mod path;
 mod path_file;
 mod read;

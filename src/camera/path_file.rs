@@ -1,14 +1,19 @@
-//! The file of a camera path: a `cameras.json` in which each camera has its time (docs/side-files.md).
+//! The file of a camera path: a `cameras.json` in which each camera has its time (docs/side-files.md), or a
+//! `camera_path.json` of nerfstudio.
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
-use serde_json::Value;
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::{Map, Value};
 
-use super::NamedCamera;
-use super::cameras_json::{self, Entry, Moment, write_entries};
+use super::cameras_json::{self, Entry, Moment, without_byte_order_mark, write_entries};
 use super::timeline::{Key, RESOLUTION, Timeline, check};
+use super::{NamedCamera, nerfstudio_path};
 use crate::files::read_whole;
+
+/// The error for a file that is no camera path.
+const NO_PATH: &str = "is no camera path: expected a cameras.json, with or without `seconds` of each camera, or a \
+                       camera_path.json of nerfstudio";
 
 impl Timeline {
     /// Writes the keys as a `cameras.json` in which each camera has a member `seconds`, and `rests` where it does.
@@ -42,13 +47,38 @@ impl Timeline {
         }
     }
 
-    /// Reads a file written by [`Timeline::write`], or any `cameras.json`. A camera without a time comes a second after
-    /// the one before it.
+    /// Reads a file written by [`Timeline::write`], any `cameras.json`, or a `camera_path.json` of nerfstudio. A camera
+    /// without a time comes a second after the one before it.
     ///
     /// # Errors
     /// One sentence without the file's name if it is not such a file, or two of its cameras are at the same time.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::parse(&read_whole(path)?)
+        Ok(Self::read_film(path)?.0)
+    }
+
+    /// As [`Timeline::read`], with the frames per second, if the file states them.
+    ///
+    /// # Errors
+    /// Those of [`Timeline::read`].
+    pub fn read_film(path: &Path) -> Result<(Self, Option<f64>)> {
+        let text = read_whole(path)?;
+        let text = without_byte_order_mark(&text);
+        match text.iter().find(|byte| !byte.is_ascii_whitespace()) {
+            Some(b'[') => Ok((Self::parse(text)?, None)),
+            Some(b'{') => {
+                let file: Map<String, Value> = serde_json::from_slice(text).context("is not JSON")?;
+                ensure!(nerfstudio_path::is_path(&file), "{NO_PATH}");
+                let (timeline, fps) = nerfstudio_path::parse(file)?;
+                Ok((timeline, Some(fps)))
+            }
+            _ => bail!(NO_PATH),
+        }
+    }
+
+    /// The cameras of the keys, with their numbers as names.
+    pub(super) fn named(self) -> Vec<NamedCamera> {
+        let named = |(i, key): (usize, Key)| NamedCamera { name: i.to_string(), camera: key.camera };
+        self.keys.into_iter().enumerate().map(named).collect()
     }
 
     fn parse(text: &[u8]) -> Result<Self> {

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use serde_json::{Map, Value};
 
 use super::cameras_json::without_byte_order_mark;
-use super::{CameraFile, cameras_json, colmap, transforms_json};
+use super::{CameraFile, cameras_json, colmap, nerfstudio_path, transforms_json};
 use crate::files::read_whole;
 
 /// Number of folders above that of a scene that are searched: a model folder holds its scenes two levels below.
@@ -37,7 +38,8 @@ fn blender_sets(folder: &Path) -> impl Iterator<Item = PathBuf> + '_ {
 }
 
 /// Reads all cameras of a file: a `cameras.json` of the original 3DGS, a `transforms.json` of nerfstudio, instant-ngp
-/// or the Blender data sets, or a file of a sparse model of COLMAP. In a folder, the first of these is read.
+/// or the Blender data sets, a `camera_path.json` of nerfstudio, or a file of a sparse model of COLMAP. In a folder, the
+/// first of these is read.
 ///
 /// # Errors
 /// One sentence without the file's name if it is none of them, is damaged, or holds a camera that no picture can be
@@ -83,7 +85,14 @@ fn read_file(path: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
             let timed = cameras_json::parse(text)?;
             Ok(CameraFile { cameras: timed.into_iter().map(|(camera, _)| camera).collect(), ..CameraFile::default() })
         }
-        Some(b'{') => transforms_json::parse(text, path, default_px),
+        Some(b'{') => {
+            let file: Map<String, Value> = serde_json::from_slice(text).context("is not JSON")?;
+            if nerfstudio_path::is_path(&file) {
+                let (timeline, _) = nerfstudio_path::parse(file)?;
+                return Ok(CameraFile { cameras: timeline.named(), ..CameraFile::default() });
+            }
+            transforms_json::parse(&file, path, default_px)
+        }
         _ => bail!(
             "is not a camera file that smalto reads: expected cameras.json, transforms.json, or images.bin or .txt of \
              COLMAP, found bytes {:02x?}",

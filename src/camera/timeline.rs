@@ -7,7 +7,7 @@ use super::Camera;
 use super::path::between;
 
 /// Largest time of a key.
-const MAX_SECONDS: f64 = 1e6;
+pub(super) const MAX_SECONDS: f64 = 1e6;
 
 /// Seconds; closer times count as equal.
 pub(super) const RESOLUTION: f64 = 1e-6;

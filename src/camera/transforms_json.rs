@@ -22,22 +22,21 @@ const SPLITS: [(Split, &str, &str); 3] = [
 
 /// The cameras of the file at `path`, in its order. Those whose size is nowhere stated and whose focal length is an
 /// angle get the size `default_px`.
-pub(super) fn parse(text: &[u8], path: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
-    let file: Map<String, Value> = serde_json::from_slice(text).context("is not JSON")?;
+pub(super) fn parse(file: &Map<String, Value>, path: &Path, default_px: Option<[u32; 2]>) -> Result<CameraFile> {
     let frames = file.get("frames").and_then(Value::as_array);
     let frames = frames.context("is neither a cameras.json nor a transforms.json: it has no array `frames`")?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let placed = Dataparser::beside(folder, &file)?;
+    let placed = Dataparser::beside(folder, file)?;
     let mut bent = Bent::default();
     let mut cameras = Vec::new();
     for (i, frame) in frames.iter().enumerate() {
         let own = frame.as_object().with_context(|| format!("frame {i} is not an object"))?;
-        let frame = Frame { own, file: &file, default_px };
+        let frame = Frame { own, file, default_px };
         let (named, lens) = frame.camera(i, folder, placed.as_ref()).with_context(|| format!("frame {i}"))?;
         bent.add(&lens, &named.camera);
         cameras.push(named);
     }
-    let splits = splits(&file, path, &cameras)?;
+    let splits = splits(file, path, &cameras)?;
     let moved = placed.map(|_| format!("the transform in {} is applied to the cameras", dataparser::FILE));
     let notices = bent.notice(cameras.len()).into_iter().chain(moved).collect();
     Ok(CameraFile { splits, notices, cameras })

@@ -71,14 +71,31 @@ impl SplitArg {
     }
 }
 
-/// The camera file on the command line, or the one found next to the scene or in a folder above it, with a note.
-pub(super) fn named_or_found(named: Option<&Path>, scene: &SceneArg) -> Option<PathBuf> {
+/// The cameras of the file on the command line, or of the one found next to the scene or in a folder above it, with a
+/// note. A file that was only found and cannot be used counts as none, also with a note.
+pub(super) fn named_or_found(
+    named: Option<&Path>,
+    scene: &SceneArg,
+    split: &SplitArg,
+    default_px: Option<[u32; 2]>,
+) -> Result<Option<(PathBuf, Numbered)>> {
     if let Some(named) = named {
-        return Some(named.to_owned());
+        return Ok(Some((named.to_owned(), split.read(named, default_px)?)));
     }
-    let found = camera::find(&scene.path()?)?;
-    remark(&format!("note: cameras of {}", found.display()));
-    Some(found)
+    let Some(found) = scene.path().and_then(|path| camera::find(&path)) else { return Ok(None) };
+    match split.read(&found, default_px) {
+        Ok(cameras) => {
+            remark(&format!("note: cameras of {}", found.display()));
+            Ok(Some((found, cameras)))
+        }
+        Err(problem) => match problem.downcast::<Unreadable>() {
+            Ok(unreadable) => {
+                remark(&format!("note: {}", unreadable.as_passed_over()));
+                Ok(None)
+            }
+            Err(problem) => Err(problem),
+        },
+    }
 }
 
 const HEADING: &str = "Camera";
@@ -104,6 +121,9 @@ pub(super) struct EyeArgs {
 
 const DEFAULT_FOV: f64 = 50.0;
 
+/// Sine of the angle below which two directions count as parallel: the rounding of decimal coordinates.
+const PARALLEL: f64 = 1e-6;
+
 impl EyeArgs {
     /// True if a camera is given. Fails if it has no direction.
     pub fn is_given(&self) -> Result<bool, Usage> {
@@ -117,13 +137,21 @@ impl EyeArgs {
     }
 
     /// The camera, if one is given, and the largest allowed distance of its near plane.
-    pub fn camera(&self, focus: impl FnOnce() -> Focus, size_px: [u32; 2]) -> Option<(Camera, f32)> {
-        let eye = self.eye?;
+    ///
+    /// # Errors
+    /// If `--camera-up` is parallel to the view direction.
+    pub fn camera(&self, focus: impl FnOnce() -> Focus, size_px: [u32; 2]) -> Result<Option<(Camera, f32)>, Usage> {
+        let Some(eye) = self.eye else { return Ok(None) };
         let target = self.target.unwrap_or_else(|| DVec3::from(focus().centre));
         let up = self.camera_up.unwrap_or_else(|| Up::default().vector());
+        let across = up.normalize_or_zero().cross((target - eye).normalize_or_zero());
+        if self.camera_up.is_some() && across.length() < PARALLEL {
+            let why = "is parallel to the view direction, so no direction of the picture can point there";
+            return Err(Usage(format!("--camera-up {},{},{} {why}", up.x, up.y, up.z)));
+        }
         let fov = self.fov.unwrap_or(DEFAULT_FOV).to_radians();
         let distance = eye.distance(target).max(f64::from(f32::MIN_POSITIVE));
-        Some((Camera::looking_upright([eye, target], up, size_px, fov), (distance / 100.0) as f32))
+        Ok(Some((Camera::looking_upright([eye, target], up, size_px, fov), (distance / 100.0) as f32)))
     }
 }
 
@@ -174,30 +202,33 @@ impl FilmArgs {
         self.orbit.map(|count| count as usize)
     }
 
-    /// Frames per second.
+    /// Frames per second of pictures that are not along a path.
     pub fn fps(&self) -> Fps {
-        self.fps.clone().unwrap_or(30.0.into())
+        self.fps.clone().unwrap_or_default()
     }
 
     /// Reads the path, if one is given, and samples its frames. Those of a path of the town have this size.
-    pub fn read(&self, scene: &SceneArg, size_px: [u32; 2]) -> Result<Option<Vec<NamedCamera>>> {
+    pub fn read(&self, scene: &SceneArg, size_px: [u32; 2]) -> Result<Option<(Vec<NamedCamera>, Fps)>> {
         let Some(file) = &self.path else { return Ok(None) };
-        along_path(file, &self.fps(), || scene.town(), size_px).map(Some)
+        along_path(file, self.fps.as_ref(), || scene.town(), size_px).map(Some)
     }
 }
 
-/// The frames of a camera path, or of one of the `town`. The latter have this size.
+/// The frames of a camera path, or of one of the `town`, and their rate: `fps`, or that of the file. Frames in the town
+/// have this size.
 pub(super) fn along_path(
     file: &Path,
-    fps: &Fps,
+    fps: Option<&Fps>,
     town: impl FnOnce() -> Result<Option<Procedural>>,
     size_px: [u32; 2],
-) -> Result<Vec<NamedCamera>> {
+) -> Result<(Vec<NamedCamera>, Fps)> {
     if let Some(path) = file.to_str().and_then(TownPath::named) {
+        let fps = fps.cloned().unwrap_or_default();
         let count = (TOWN_SECONDS * fps.value).ceil() as usize;
-        return Ok(town_cameras(town()?, path, size_px, count)?);
+        return Ok((town_cameras(town()?, path, size_px, count)?, fps));
     }
-    let timeline = Timeline::read(file).map_err(|problem| Unreadable::new(file, &problem))?;
+    let (timeline, own) = Timeline::read_film(file).map_err(|problem| Unreadable::new(file, &problem))?;
+    let fps = fps.cloned().or(own.map(Fps::from)).unwrap_or_default();
     let frames = timeline.frames(fps.value);
     let count = frames.len();
     if count > MAX_FRAMES {
@@ -205,7 +236,8 @@ pub(super) fn along_path(
         let which = format!("{seconds} s of {} at {fps} frames per second", file.display());
         return Err(Usage(format!("--path: {which} are {count} frames, over {MAX_FRAMES}")).into());
     }
-    Ok(frames.enumerate().map(|(i, camera)| NamedCamera { name: format!("frame {i}"), camera }).collect())
+    let named = |(i, camera)| NamedCamera { name: format!("frame {i}"), camera };
+    Ok((frames.enumerate().map(named).collect(), fps))
 }
 
 /// Seconds of the camera paths of the town.
@@ -227,6 +259,12 @@ pub(super) fn town_cameras(
 
 /// The largest distance of the near plane in the town, metres.
 pub(super) const TOWN_NEAR: f32 = 0.1;
+
+impl Default for Fps {
+    fn default() -> Self {
+        30.0.into()
+    }
+}
 
 impl From<f64> for Fps {
     fn from(value: f64) -> Self {

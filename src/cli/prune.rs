@@ -145,11 +145,10 @@ fn limit(args: &Args) -> Result<Limit, Usage> {
 
 /// The given views and the other cameras of the file, at the size that is drawn.
 fn views(args: &Args) -> Result<Views> {
-    let file = named_or_found(args.cameras.as_deref(), &args.scene);
-    let file = file.ok_or_else(|| {
+    let found = named_or_found(args.cameras.as_deref(), &args.scene, &args.split, args.size)?;
+    let (file, numbered) = found.ok_or_else(|| {
         Usage("prune needs views: no --cameras, and none found next to the scene or above it".to_owned())
     })?;
-    let numbered = args.split.read(&file, args.size)?;
     let (mut given, _) = select_cameras(&numbered, &args.camera)?;
     given.sort_by_key(|chosen| chosen.index);
     given.dedup_by_key(|chosen| chosen.index);

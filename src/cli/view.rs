@@ -211,7 +211,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     let path = match (&args.path, args.scenes.first()) {
         (Some(path), Some(scene)) => {
             let scene = SceneArg { scene: scene.clone(), reading: args.reading };
-            along_path(path, &PATH_FPS.into(), || scene.town(), size)?
+            along_path(path, Some(&PATH_FPS.into()), || scene.town(), size)?.0
         }
         (Some(_), None) => return Err(Usage("--path needs a scene".to_owned()).into()),
         (None, _) => Vec::new(),

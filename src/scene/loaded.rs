@@ -162,6 +162,12 @@ impl Unreadable {
         Self { path: path.display().to_string(), problem: sentence(&format!("{problem:#}")) }
     }
 
+    /// The note on a camera file that nobody named, was found beside a scene, and cannot be used.
+    pub fn as_passed_over(&self) -> String {
+        let Self { path, problem } = self;
+        format!("{path} was found, but it is not used: {problem} (--cameras names another file)")
+    }
+
     /// The error of a file that cannot be read because of `problem`: an [`OutOfMemory`] with the name of the file, or
     /// else an [`Unreadable`].
     pub fn or_too_large(path: &Path, problem: anyhow::Error) -> anyhow::Error {

@@ -126,9 +126,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let devices = args.device.open()?;
     let device = devices[0].clone();
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
-    let cameras = match args.eye.is_given()? {
-        true => Cameras::at(args.eye, &args.split)?,
-        false => Cameras::read(args.cameras.as_deref(), &args.split, &args.path, args.size[0])?,
+    let cameras = match &args.cameras {
+        _ if args.eye.is_given()? => Cameras::at(args.eye, &args.split)?,
+        Some(file) => Cameras::of_file(file, args.split.read(file, Some(args.size[0]))?),
+        None => Cameras::along(&args.split, &args.path, args.size[0])?,
     };
     let bench = Bench::new(&device, Protocol { warmup: args.warmup, frames: args.frames() })?;
     let bench = if args.frames.is_some() { bench } else { bench.patient(PATIENCE) };

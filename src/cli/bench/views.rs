@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use glam::DVec3;
 
 use crate::camera::{Camera, path};
-use crate::cli::cameras::{EyeArgs, SplitArg, TOWN_NEAR, town_cameras};
+use crate::cli::cameras::{EyeArgs, Numbered, SplitArg, TOWN_NEAR, town_cameras};
 use crate::procedural::{Procedural, TownPath};
 use crate::scene::Focus;
 
@@ -59,36 +59,29 @@ enum Source {
 type Script = fn(DVec3, f64, [u32; 2], usize) -> Vec<Camera>;
 
 impl Cameras {
-    /// Reads the views of `split` from a camera file if there is one, else follows `path`. Cameras whose size is
-    /// nowhere stated get the size `default_px`.
+    /// The views of a camera file.
+    pub fn of_file(file: &Path, numbered: Numbered) -> Self {
+        let cameras = numbered.cameras.into_iter().map(|(_, named)| named.camera).collect();
+        Self { name: name_of(file), source: Source::File(cameras) }
+    }
+
+    /// The views along a path. Cameras of a file whose size is nowhere stated get the size `default_px`.
     ///
     /// # Errors
     /// If a file cannot be read, or if `split` selects cameras and there is no file.
-    pub fn read(file: Option<&Path>, split: &SplitArg, path: &CameraPath, default_px: [u32; 2]) -> Result<Self> {
-        let name = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let read = |file: &Path| {
-            let read = split.read(file, Some(default_px))?;
-            Ok::<_, anyhow::Error>(read.cameras.into_iter().map(|(_, named)| named.camera).collect())
+    pub fn along(split: &SplitArg, path: &CameraPath, default_px: [u32; 2]) -> Result<Self> {
+        if let CameraPath::Keyframes(file) = path {
+            let read = split.read(file, Some(default_px))?.cameras.into_iter().map(|(_, named)| named.camera);
+            return Ok(Self { name: name_of(file), source: Source::Keyframes(read.collect()) });
+        }
+        split.check_no_file()?;
+        let (name, script): (_, Script) = match path {
+            CameraPath::Town(path) => return Ok(Self { name: path.name().to_owned(), source: Source::Town(*path) }),
+            CameraPath::Turn => ("turn", path::turn),
+            CameraPath::Orbit { zooms: true } => ("orbit-zoom", |c, r, s, n| path::orbit(c, r, true, s, n)),
+            _ => ("orbit", |c, r, s, n| path::orbit(c, r, false, s, n)),
         };
-        Ok(match (file, path) {
-            (Some(file), _) => Self { name: name(file), source: Source::File(read(file)?) },
-            (None, CameraPath::Keyframes(file)) => {
-                Self { name: format!("keyframes:{}", name(file)), source: Source::Keyframes(read(file)?) }
-            }
-            (None, CameraPath::Town(path)) => {
-                split.check_no_file()?;
-                Self { name: path.name().to_owned(), source: Source::Town(*path) }
-            }
-            (None, CameraPath::Orbit { .. } | CameraPath::Turn) => {
-                split.check_no_file()?;
-                let (name, script): (_, Script) = match path {
-                    CameraPath::Turn => ("turn", path::turn),
-                    CameraPath::Orbit { zooms: true } => ("orbit-zoom", |c, r, s, n| path::orbit(c, r, true, s, n)),
-                    _ => ("orbit", |c, r, s, n| path::orbit(c, r, false, s, n)),
-                };
-                Self { name: name.to_owned(), source: Source::Scripted(script) }
-            }
-        })
+        Ok(Self { name: name.to_owned(), source: Source::Scripted(script) })
     }
 
     /// The view of a camera that is given by its place.
@@ -120,7 +113,7 @@ impl Cameras {
             Source::File(cameras) => (resized(&cameras[..frames.min(cameras.len())]), f32::INFINITY),
             Source::Keyframes(cameras) => (path::through(&resized(cameras), frames), f32::INFINITY),
             Source::Eye(eye) => {
-                let (camera, nearest) = eye.camera(focus, size).unzip();
+                let (camera, nearest) = eye.camera(focus, size)?.unzip();
                 (camera.into_iter().collect(), nearest.unwrap_or(f32::INFINITY))
             }
             Source::Scripted(script) => {
@@ -130,4 +123,8 @@ impl Cameras {
             }
         })
     }
+}
+
+fn name_of(file: &Path) -> String {
+    file.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

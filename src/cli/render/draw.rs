@@ -11,6 +11,7 @@ use crossbeam_channel::{bounded, unbounded};
 use super::Args;
 use super::device::Run;
 use super::encode::{Job, Task, Times, Written};
+use super::near_plane::NearPlane;
 use super::outputs::{Output, Shot};
 use super::plan::Plan;
 use super::records::Content;
@@ -39,6 +40,7 @@ pub(super) fn by_reference(args: &Args, plan: &Plan, scene: &Drawable, exact: &O
     let mut record = Record::begin(args, plan, &scene.report().hash, exact, None)?;
     let (gaussians, _) = scene.in_memory("--reference")?;
     let gaussians = gaussians.clone().of_degree(exact.sh_degree);
+    let mut near_plane = NearPlane::new(&scene.source, exact.rules.near);
     for shot in &plan.shots {
         let [pictures, layers] = outputs_left(shot, &record);
         if pictures.is_empty() && layers.is_empty() {
@@ -56,6 +58,7 @@ pub(super) fn by_reference(args: &Args, plan: &Plan, scene: &Drawable, exact: &O
         }
         let (outputs, seconds) = ([pictures, layers].concat(), started.elapsed().as_secs_f64());
         let (files, size) = (names(&outputs), size_text(shot.camera.size_px));
+        near_plane.note(&files, &shot.camera, false);
         say!("{files}  {size}  float64 reference, {seconds:.1} s")?;
         frames.push(FrameReport { reference_seconds: Some(seconds), ..FrameReport::new(shot, &outputs) });
     }
@@ -89,7 +92,8 @@ pub(super) fn by_gpu(
     args.start.end("layout");
     let encoders = available_parallelism().map_or(1, NonZero::get);
     let (total, bar) = (tasks.len(), Bar::new("rendering"));
-    let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, times: Spent::default() };
+    let near_plane = NearPlane::new(&scene.source, options.rules.near);
+    let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, near_plane, times: Spent::default() };
     let run = Run::new(args, options, tasks, devices, encoders);
     let frames = match &plan.video {
         None => draw(&run, devices, scene.source, encoders, log)?,
@@ -164,6 +168,7 @@ struct Log<'p> {
     frames: Vec<(usize, FrameReport)>,
     total: usize,
     bar: Bar,
+    near_plane: NearPlane,
     times: Spent,
 }
 
@@ -188,6 +193,8 @@ impl Log<'_> {
         }
         let has_frame = |outputs: &&Vec<_>| !outputs.is_empty() || task.is_of_video;
         for (outputs, frame) in [&task.picture, &task.depths].into_iter().filter(has_frame).zip(&frames) {
+            let title = if task.is_of_video { format!("frame {}", task.number) } else { names(outputs) };
+            self.near_plane.note(&title, &task.shot.camera, frame.totals.visible == 0);
             if !task.is_of_video {
                 report(self.args, task.shot, outputs, frame)?;
             }
@@ -261,9 +268,6 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         Path::Portable => "instances",
         Path::Fast => "entries",
     };
-    if visible == 0 {
-        remark(&format!("note: {files}: no Gaussian is in view"));
-    }
     say!(
         "{files}  {}  {visible} visible, {listed} {unit}, {} path{gpu_ms}",
         size_text(shot.camera.size_px),

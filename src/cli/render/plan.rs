@@ -12,7 +12,7 @@ use super::camera_list::{SelectedCamera, select_cameras};
 use super::outputs::{Names, Output, Outputs, Shot, safe_stem};
 use super::video::{self, Video};
 use crate::camera::{Camera, NamedCamera, path};
-use crate::cli::cameras::{TOWN_NEAR, named_or_found, town_cameras};
+use crate::cli::cameras::{Fps, TOWN_NEAR, named_or_found, town_cameras};
 use crate::cli::scenes::SceneFile;
 use crate::cli::{Usage, remark, size_text};
 use crate::files::{check_writable, make_folder};
@@ -49,7 +49,7 @@ pub(super) struct Source {
 
 /// The plan of a run, or of its shard. The scene is asked for only if cameras are made from it.
 pub(super) fn plan(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Plan> {
-    let Cameras { selected, is_list, nearest } = cameras(args, focus)?;
+    let Cameras { selected, is_list, nearest, fps } = cameras(args, focus)?;
     let file = video::file(args)?;
     let several = is_list || args.video.is_some();
     let outputs = if file.is_some() { Outputs::none() } else { Outputs::of(args, several)? };
@@ -58,9 +58,9 @@ pub(super) fn plan(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Pla
         selected.into_iter().enumerate().map(|(number, selected)| shot(args, &outputs, several, number, selected));
     let shots = shots.collect::<Result<Vec<_>>>()?;
     check_shots(args, &shots)?;
-    let video = file.map(|file| Video::new(args, file, &shots)).transpose()?;
+    let video = file.map(|file| Video::new(args, file, &shots, fps.clone())).transpose()?;
     let is_printed = args.video.is_some() && video.is_none();
-    let command = is_printed.then(|| video::command(args, &outputs, &shots)).transpose()?;
+    let command = is_printed.then(|| video::command(args, &outputs, &shots, &fps)).transpose()?;
     let views: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
     let (cameras_hash, files_hash) = (views_hash(&views), files_hash(&outputs, &shots));
     let (all, command) = (shots.len(), command.filter(|_| args.shard.is_none()));
@@ -107,43 +107,46 @@ struct Cameras {
     is_list: bool,
     /// Largest allowed distance of the near plane.
     nearest: f32,
+    /// Frames per second of a video.
+    fps: Fps,
 }
 
 fn cameras(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Cameras> {
     let size = args.size.unwrap_or([1280, 720]);
-    if let Some(frames) = args.film.read(&args.scene, size)? {
+    if let Some((frames, fps)) = args.film.read(&args.scene, size)? {
         let frame = |(index, named): (usize, NamedCamera)| SelectedCamera::named(index, &named);
         let selected = frames.into_iter().enumerate().map(frame).collect();
         let nearest = args.scene.town()?.map_or(f32::INFINITY, |_| TOWN_NEAR);
-        return Ok(Cameras { selected, is_list: true, nearest });
+        return Ok(Cameras { selected, is_list: true, nearest, fps });
     }
+    let fps = args.film.fps();
     if let Some(count) = args.film.orbit() {
         let focus = focus()?;
         let views = path::orbit(DVec3::from(focus.centre), focus.radius, false, size, count);
         let view = |(index, camera)| SelectedCamera { index, name: None, camera };
         let selected = views.into_iter().enumerate().map(view).collect();
-        return Ok(Cameras { selected, is_list: true, nearest: focus.radius as f32 / 100.0 });
+        return Ok(Cameras { selected, is_list: true, nearest: focus.radius as f32 / 100.0, fps });
     }
     let alone = |camera, nearest| Cameras {
         selected: vec![SelectedCamera { index: 0, name: None, camera }],
         is_list: false,
         nearest,
+        fps: fps.clone(),
     };
     if args.eye.is_given()? {
         let focus = focus()?;
-        let (camera, nearest) = args.eye.camera(|| focus, size).context("a camera is given")?;
+        let (camera, nearest) = args.eye.camera(|| focus, size)?.context("a camera is given")?;
         args.split.check_no_file()?;
         return Ok(alone(camera, nearest));
     }
-    if let Some(file) = named_or_found(args.cameras.as_deref(), &args.scene) {
-        let all = args.split.read(&file, args.size)?;
+    if let Some((_, all)) = named_or_found(args.cameras.as_deref(), &args.scene, &args.split, args.size)? {
         let (selected, is_list) = match &args.camera {
             Some(wanted) => select_cameras(&all, wanted)?,
             None => {
                 (all.cameras.iter().take(1).map(|(index, named)| SelectedCamera::named(*index, named)).collect(), false)
             }
         };
-        return Ok(Cameras { selected, is_list, nearest: f32::INFINITY });
+        return Ok(Cameras { selected, is_list, nearest: f32::INFINITY, fps });
     }
     args.split.check_no_file()?;
     if let Some(camera) = &args.camera {

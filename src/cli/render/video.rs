@@ -67,9 +67,9 @@ pub(super) fn file(args: &Args) -> Result<Option<&Path>> {
 
 impl Video {
     /// The video of `shots`, which must be of one size.
-    pub fn new(args: &Args, file: &Path, shots: &[Shot]) -> Result<Self> {
+    pub fn new(args: &Args, file: &Path, shots: &[Shot], fps: Fps) -> Result<Self> {
         let size = check_frames(args, shots)?;
-        Ok(Self { file: file.to_owned(), size, fps: args.film.fps() })
+        Ok(Self { file: file.to_owned(), size, fps })
     }
 
     /// Writes the file, from the frames that `draw` hands to ffmpeg.
@@ -120,7 +120,7 @@ fn check_frames(args: &Args, shots: &[Shot]) -> Result<[u32; 2]> {
 }
 
 /// The command that makes a video of `shots`. Fails if their files cannot be frames of a video.
-pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot]) -> Result<String> {
+pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot], fps: &Fps) -> Result<String> {
     if !outputs.has(Layer::Colour) || outputs.kind().holds_floats() {
         let why = "needs colours as PNG: --layers must include colour, and --format must be png or png16";
         return Err(Usage(format!("--video {why}")).into());
@@ -131,7 +131,7 @@ pub(super) fn command(args: &Args, outputs: &Outputs, shots: &[Shot]) -> Result<
         Some(Some(file)) => file.clone(),
         _ => video_file(outputs.folder().unwrap_or(&frames)),
     };
-    line(&frames, &file, size, &args.film.fps())
+    line(&frames, &file, size, fps)
 }
 
 /// The video file, next to the folder of its pictures.

@@ -202,10 +202,16 @@ fn checked_parts(args: &Args, has_levels: bool) -> Result<Vec<Part>> {
 
 /// The views of the scene, and the largest distance of the near plane that they allow, in world units.
 fn views(args: &Args, focus: Focus) -> Result<(Vec<Camera>, f32)> {
-    let file = if args.path.is_none() { named_or_found(args.cameras.as_deref(), &args.scene) } else { None };
+    let found = match args.path {
+        None => named_or_found(args.cameras.as_deref(), &args.scene, &args.split, Some(args.size))?,
+        Some(_) => None,
+    };
+    let count = if found.is_some() { usize::MAX } else { PATH_VIEWS };
     let path = args.path.as_ref().unwrap_or(&CameraPath::Orbit { zooms: true });
-    let cameras = Cameras::read(file.as_deref(), &args.split, path, args.size)?;
-    let count = if file.is_some() { usize::MAX } else { PATH_VIEWS };
+    let cameras = found.map_or_else(
+        || Cameras::along(&args.split, path, args.size),
+        |(file, numbered)| Ok(Cameras::of_file(&file, numbered)),
+    )?;
     cameras.views((&|| focus, args.scene.town()?), args.size, count)
 }
 

@@ -8,8 +8,8 @@ use crate::camera::CameraFile;
 use crate::formats::{LOD_META, Reading, in_folder};
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::model::{
-    CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Photographs, Reporter, Viewer,
-    holds_photographs, is_project,
+    CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Origin, Photographs, Reporter,
+    Viewer, holds_photographs, is_project,
 };
 
 /// The path of typed or pasted text, which may have surrounding spaces, quotes, file://, or ~ for the home folder. An
@@ -61,19 +61,22 @@ impl Viewer {
         if let (LayerSource::File(file), true, None) = (&source, self.scenes.layers.is_empty(), &self.setup.cameras)
             && let Some(cameras) = crate::camera::find(file)
         {
-            (self.setup.remark)(&format!("note: cameras of {}", cameras.display()));
-            self.open_cameras(&cameras);
+            self.read_cameras(&cameras, Origin::Found);
         }
         let number = self.scenes.next_number();
         self.scenes.layers.push(Layer::open(number, source, reading, &self.jobs));
     }
 
-    /// Starts to read a camera file.
+    /// Starts to read a camera file that the user named.
     pub fn open_cameras(&mut self, path: &Path) {
+        self.read_cameras(path, Origin::Named);
+    }
+
+    fn read_cameras(&mut self, path: &Path, origin: Origin) {
         let path = path.to_owned();
         let file = path.clone();
         self.cameras.are_loading = true;
-        self.jobs.start(move |_| crate::camera::read(&file), move |cameras| JobEvent::Cameras(path, cameras));
+        self.jobs.start(move |_| crate::camera::read(&file), move |cameras| JobEvent::Cameras(path, origin, cameras));
     }
 
     /// Starts to search a folder for photographs.
@@ -265,11 +268,14 @@ impl Viewer {
         self.messages.note(format!("{}: {text}", layer.name));
     }
 
-    /// Stores cameras that were read, or reports why they could not be read.
-    pub fn handle_cameras(&mut self, path: &Path, cameras: Result<CameraFile>) {
+    /// Stores cameras that were read, or reports why they could not be read. The view stays if nobody named the file.
+    pub fn handle_cameras(&mut self, path: &Path, origin: Origin, cameras: Result<CameraFile>) {
         self.cameras.are_loading = false;
         match cameras {
             Ok(CameraFile { cameras, notices, .. }) => {
+                if origin == Origin::Found {
+                    (self.setup.remark)(&format!("note: cameras of {}", path.display()));
+                }
                 notices.iter().for_each(|notice| self.messages.note(format!("{}: {notice}", path.display())));
                 self.events.emit(&Event::Cameras { count: cameras.len() });
                 self.cameras.list = cameras;
@@ -285,6 +291,11 @@ impl Viewer {
                 self.find_camera_of_picture();
                 self.view.first = Some(self.view.camera());
                 self.reset_undo();
+            }
+            Err(problem) if origin == Origin::Found => {
+                let text = Unreadable::new(path, &problem).as_passed_over();
+                (self.setup.remark)(&format!("note: {text}"));
+                self.messages.note(text);
             }
             Err(problem) => {
                 self.end_project();

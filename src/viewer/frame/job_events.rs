@@ -32,7 +32,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),
         JobEvent::Contributions(selection, mode, found) => viewer.handle_contributions(&selection, mode, found),
         JobEvent::Changed(number, changed) => viewer.handle_change(number, changed),
-        JobEvent::Cameras(path, cameras) => viewer.handle_cameras(&path, cameras),
+        JobEvent::Cameras(path, origin, cameras) => viewer.handle_cameras(&path, origin, cameras),
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),
         // Another picture was requested meanwhile.
         JobEvent::Picture(number, ..) if number != viewer.comparison.last_request => {}

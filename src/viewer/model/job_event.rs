@@ -26,6 +26,15 @@ pub type Jobs = jobs::Jobs<JobEvent>;
 /// Sends the events of a job of the viewer.
 pub type Reporter = jobs::Reporter<JobEvent>;
 
+/// Where the name of a camera file came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// The user, or a project.
+    Named,
+    /// A search beside the scene.
+    Found,
+}
+
 /// A report of a job of the viewer.
 pub enum JobEvent {
     /// Layer number, and the fraction read, 0 to 1.
@@ -38,7 +47,7 @@ pub enum JobEvent {
     Contributions(Selection, SelectionMode, Result<Contributions>),
     /// Number of a layer whose file has changed.
     Changed(u64, Result<()>),
-    Cameras(PathBuf, Result<CameraFile>),
+    Cameras(PathBuf, Origin, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),
     /// A photograph or the reference: the number of the request, its name and pixels.

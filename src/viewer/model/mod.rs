@@ -70,7 +70,7 @@ pub(crate) use events::Event;
 pub use frame_times::Digest;
 pub(crate) use gizmo::{Gizmo, turned};
 pub(crate) use inspector::ExplainedPixel;
-pub(crate) use job_event::{JobEvent, Jobs, Reporter};
+pub(crate) use job_event::{JobEvent, Jobs, Origin, Reporter};
 pub use keys::Bindings;
 pub(crate) use keys::{ACTIONS, Action, Chord};
 pub(crate) use layers::{Layer, LayerSource, Placement};
