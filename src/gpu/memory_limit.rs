@@ -64,9 +64,9 @@ impl Device {
             (Some(user_limit), _) => {
                 let least = own + DRIVER;
                 if user_limit <= least {
-                    let reason = format!("the limit of device memory is {user_limit}");
-                    let name = "driver and what it may take later".to_owned();
-                    return Err(OutOfMemory { name, bytes: Some(least), reason }.into());
+                    let reason =
+                        format!("the limit of {user_limit} bytes is too low: {least} bytes are kept for the driver");
+                    return Err(OutOfMemory { name: "device memory".to_owned(), bytes: None, reason }.into());
                 }
                 let free =
                     driver.map_or(shared.capabilities.memory_bytes, |(budget, used)| budget.saturating_sub(used));

@@ -11,7 +11,7 @@ use crossbeam_channel::{bounded, unbounded};
 use super::Args;
 use super::device::Run;
 use super::encode::{Job, Task, Times, Written};
-use super::near_plane::NearPlane;
+use super::notes::Notes;
 use super::outputs::{Output, Shot};
 use super::plan::Plan;
 use super::records::Content;
@@ -40,7 +40,7 @@ pub(super) fn by_reference(args: &Args, plan: &Plan, scene: &Drawable, exact: &O
     let mut record = Record::begin(args, plan, &scene.report().hash, exact, None)?;
     let (gaussians, _) = scene.in_memory("--reference")?;
     let gaussians = gaussians.clone().of_degree(exact.sh_degree);
-    let mut near_plane = NearPlane::new(&scene.source, exact.rules.near);
+    let mut notes = Notes::new(&scene.source, exact.rules.near);
     for shot in &plan.shots {
         let [pictures, layers] = outputs_left(shot, &record);
         if pictures.is_empty() && layers.is_empty() {
@@ -58,7 +58,7 @@ pub(super) fn by_reference(args: &Args, plan: &Plan, scene: &Drawable, exact: &O
         }
         let (outputs, seconds) = ([pictures, layers].concat(), started.elapsed().as_secs_f64());
         let (files, size) = (names(&outputs), size_text(shot.camera.size_px));
-        near_plane.note(&files, &shot.camera, false);
+        notes.on_view(&files, &shot.camera, false);
         say!("{files}  {size}  float64 reference, {seconds:.1} s")?;
         frames.push(FrameReport { reference_seconds: Some(seconds), ..FrameReport::new(shot, &outputs) });
     }
@@ -92,8 +92,8 @@ pub(super) fn by_gpu(
     args.start.end("layout");
     let encoders = available_parallelism().map_or(1, NonZero::get);
     let (total, bar) = (tasks.len(), Bar::new("rendering"));
-    let near_plane = NearPlane::new(&scene.source, options.rules.near);
-    let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, near_plane, times: Spent::default() };
+    let notes = Notes::new(&scene.source, options.rules.near);
+    let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, notes, times: Spent::default() };
     let run = Run::new(args, options, tasks, devices, encoders);
     let frames = match &plan.video {
         None => draw(&run, devices, scene.source, encoders, log)?,
@@ -168,7 +168,7 @@ struct Log<'p> {
     frames: Vec<(usize, FrameReport)>,
     total: usize,
     bar: Bar,
-    near_plane: NearPlane,
+    notes: Notes,
     times: Spent,
 }
 
@@ -194,7 +194,7 @@ impl Log<'_> {
         let has_frame = |outputs: &&Vec<_>| !outputs.is_empty() || task.is_of_video;
         for (outputs, frame) in [&task.picture, &task.depths].into_iter().filter(has_frame).zip(&frames) {
             let title = if task.is_of_video { format!("frame {}", task.number) } else { names(outputs) };
-            self.near_plane.note(&title, &task.shot.camera, frame.totals.visible == 0);
+            self.notes.on_frame(&title, &task.shot.camera, frame);
             if !task.is_of_video {
                 report(self.args, task.shot, outputs, frame)?;
             }
@@ -268,35 +268,35 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         Path::Portable => "instances",
         Path::Fast => "entries",
     };
+    let parts = frame.parts.filter(|p| p.slabs > 1 || p.pages_in_view > 0);
+    // What lies behind finished slabs is not counted.
+    let least = if parts.is_some_and(|parts| parts.slabs > 1) { "at least " } else { "" };
     say!(
-        "{files}  {}  {visible} visible, {listed} {unit}, {} path{gpu_ms}",
+        "{files}  {}  {least}{visible} visible, {listed} {unit}, {} path{gpu_ms}",
         size_text(shot.camera.size_px),
         frame.path
     )?;
-    if let Some(SlabReport { slabs, wall_ms, pages_in_view, pages_read, bytes_read }) =
-        frame.parts.filter(|p| p.slabs > 1 || p.pages_in_view > 0)
-    {
+    if let Some(SlabReport { slabs, wall_ms, pages_in_view, pages_read, bytes_read }) = parts {
         let pages = match pages_in_view {
             0 => String::new(),
             seen => format!("; {seen} pages in view, {pages_read} read for it ({:.1} MB)", bytes_read as f64 / 1e6),
         };
-        let slabs = if slabs == 1 { "1 slab".to_owned() } else { format!("{slabs} slabs") };
+        let slabs = if slabs == 1 { "1 depth slab".to_owned() } else { format!("{slabs} depth slabs") };
         say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
     }
     if let Some(detail) = frame.detail {
-        let LodReport { lod_error, nodes, pages, predicted_psnr, measured_psnr } = detail;
+        let LodReport { lod_error, nodes, pages, measured_psnr, .. } = detail;
         let limit = match detail.is_coarsest() {
             true => "there are no coarser ones".to_owned(),
             false => format!("error {lod_error:.3} per node"),
         };
-        let predicted = predicted_psnr.map_or("no error".to_owned(), |db| format!("{db:.1} dB"));
         let measured = match measured_psnr {
-            Some(db) => format!(", {db:.1} dB measured"),
-            None if args.measure_levels => ", equal as measured".to_owned(),
+            Some(db) => format!(", {db:.1} dB to all Gaussians"),
+            None if args.measure_levels => ", equal to all Gaussians".to_owned(),
             None => String::new(),
         };
         say!(
-            "  about {nodes:.0} nodes in {pages} page{} of the levels, {limit}, {predicted} predicted{measured}",
+            "  about {nodes:.0} nodes in {pages} page{} of the levels, {limit}{measured}",
             if pages == 1 { "" } else { "s" }
         )?;
     }

@@ -5,7 +5,7 @@
 //! - `outputs` - the files of a picture: layers, kinds, names
 //! - `start` - the start of a run: the scene is read while the device is opened
 //! - `draw` - draws and writes the pictures of a plan, on the GPU or with the reference
-//! - `near_plane` - notes on empty pictures and on a near plane that cuts the view
+//! - `notes` - notes on pictures: empty, cut by the near plane, drawn in depth slabs
 //! - `queue` - the views that are left to draw
 //! - `device` - the work of one device: takes views and hands on their pixels
 //! - `encode` - encodes pictures on all cores
@@ -23,7 +23,7 @@ mod camera_list;
 mod device;
 mod draw;
 mod encode;
-mod near_plane;
+mod notes;
 mod outputs;
 mod plan;
 mod queue;

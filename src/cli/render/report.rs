@@ -74,7 +74,7 @@ pub(super) struct CameraReport {
 pub(super) struct GpuReport {
     /// The path that drew the frame.
     path: Path,
-    /// Gaussians that may touch the image.
+    /// Gaussians that passed the cull of the path. In depth slabs, Gaussians behind finished pixels are not counted.
     visible: u32,
     /// Splats in lists: instances (in tiles) on the portable path, entries (in bins) on the fast path.
     listed: u32,

@@ -109,7 +109,7 @@ pub(super) fn print_budget(held: &BudgetReport) -> Result<()> {
 
 pub(super) fn print_levels(report: &LevelsReport) -> Result<()> {
     let samples = format!("dB to {} samples", report.samples);
-    let header = ["levels", "splats", "drawn", "pages", "ms", "predicted dB", "dB to exact", "max", "SSIM", "FLIP", ""];
+    let header = ["levels", "splats", "drawn", "pages", "ms", "dB to exact", "max", "SSIM", "FLIP", ""];
     let mut rows = table(&[&header[..], &[&samples, "SSIM", "FLIP", ""]].concat());
     let mark = |is_pareto| if is_pareto { "*" } else { "" }.to_owned();
     let ssim = |from: &Difference| from.ssim.map_or_else(String::new, |ssim| format!("{ssim:.5}"));
@@ -121,7 +121,6 @@ pub(super) fn print_levels(report: &LevelsReport) -> Result<()> {
             format!("{:.0}", point.visible),
             point.pages.map_or_else(String::new, |pages| format!("{pages:.0}")),
             format!("{:.3}", point.gpu_ms),
-            point.predicted_psnr.map_or_else(String::new, |db| format!("{db:.1}")),
             decibels(exact),
             format!("{:.4}", exact.max_error),
             ssim(exact),

@@ -131,7 +131,8 @@ pub struct DetailReport {
     pub nodes: Statistics,
     /// Pages that hold the cut.
     pub pages: Statistics,
-    /// The PSNR that the errors of the nodes predict, dB; null if none is predicted.
+    /// The PSNR if the errors of the nodes were independent and none were hidden, dB; null without errors. No bound, and
+    /// far below the PSNR of most pictures.
     pub predicted_psnr: Option<Statistics>,
     /// The PSNR of the pictures of all views against those of all Gaussians, dB; null if it was not measured, or all
     /// are equal.
@@ -157,7 +158,7 @@ pub struct StageReport {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Counts {
-    /// Gaussians that may touch the image.
+    /// Gaussians that passed the cull.
     pub visible: Statistics,
     /// Instances: pairs of a splat and a tile of 16x16 pixels that it touches.
     pub instances: Statistics,

@@ -108,7 +108,8 @@ pub struct LevelPoint {
     pub visible: f64,
     /// Pages that hold the cut, the mean of the views; null if all Gaussians are drawn.
     pub pages: Option<f64>,
-    /// The least PSNR that measured errors of nodes predict for a view, dB; null if none is predicted.
+    /// The least PSNR of a view if the errors of the nodes were independent and none were hidden, dB; null without
+    /// errors. No bound, and far below the PSNR of most pictures.
     pub predicted_psnr: Option<f64>,
     /// Difference from the exact options with all Gaussians.
     pub from_exact: Difference,

@@ -194,10 +194,9 @@ impl GpuScene {
         let least = MIN_PAGES.min(all) as u64 * each;
         let needed = reserve + ((least as f64 / CACHE_FRACTION) as u64).max(least + MIN_LIST_BYTES);
         if free < needed {
-            let limit = device.memory().user_limit.unwrap_or(free);
-            let reason = format!("the limit of device memory is {limit}");
-            let bytes = Some(limit + needed - free);
-            return Err(OutOfMemory { name: "pages, lists and pictures at least".to_owned(), bytes, reason }.into());
+            let limit = device.memory().user_limit.map_or_else(String::new, |limit| format!(", the limit is {limit}"));
+            let reason = format!("{free} bytes of device memory are left for them{limit}");
+            return Err(OutOfMemory { name: "pages, lists and pictures".to_owned(), bytes: Some(needed), reason }.into());
         }
         let limits = &device.capabilities().limits;
         let longest = limits.storage_range.min(limits.allocation) / 16 / PAGE as u64;

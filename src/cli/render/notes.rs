@@ -1,10 +1,10 @@
-//! Notes on pictures without Gaussians, and on a near plane that cuts away much of the view.
+//! Notes on pictures: without Gaussians, cut by the near plane, drawn in depth slabs for lack of memory.
 
 use glam::DVec3;
 
 use crate::camera::Camera;
 use crate::cli::remark;
-use crate::render::{Content, SceneSource};
+use crate::render::{Content, Frame, SceneSource};
 
 /// The Gaussians of a scene in memory that are examined for each picture, evenly spread over their order. Their
 /// projection takes some 20 us of the thread that reports.
@@ -14,28 +14,43 @@ const EXAMINED: usize = 4096;
 /// of usual size, few are that close to a camera.
 const LARGE: f64 = 0.25;
 
-/// The near plane of a run.
-pub(super) struct NearPlane {
+/// What the notes of a run depend on. Each kind is printed once, but for empty pictures, which all have one.
+pub(super) struct Notes {
     scene: SceneSource,
     /// World units.
     near: f64,
-    is_noted: bool,
+    near_is_noted: bool,
+    slabs_are_noted: bool,
 }
 
-impl NearPlane {
+impl Notes {
     pub fn new(scene: &SceneSource, near: f32) -> Self {
-        Self { scene: scene.clone(), near: near.into(), is_noted: false }
+        Self { scene: scene.clone(), near: near.into(), near_is_noted: false, slabs_are_noted: false }
     }
 
-    /// Prints the note on a picture in which `is_empty` says that no Gaussian was drawn, if it needs one. Pictures that
-    /// are not empty have one note in a run.
-    pub fn note(&mut self, files: &str, camera: &Camera, is_empty: bool) {
-        if !is_empty && self.is_noted {
+    /// Prints the notes on a frame of the GPU.
+    pub fn on_frame(&mut self, files: &str, camera: &Camera, frame: &Frame) {
+        self.on_view(files, camera, frame.totals.visible == 0);
+        // Scenes in files and at places are drawn in slabs whatever the memory.
+        let is_whole = matches!(self.scene.content, Content::Memory { .. }) && self.scene.instances.is_none();
+        if frame.parts.is_some_and(|parts| parts.slabs > 1) && is_whole && !self.slabs_are_noted {
+            self.slabs_are_noted = true;
+            remark(
+                "note: the scene or its lists exceed the memory or the largest buffer of the device: pictures are \
+                 drawn in depth slabs, which changes no pixel and takes longer. A higher --memory, a smaller --size \
+                 or --preset portable may be faster",
+            );
+        }
+    }
+
+    /// Prints the note on a picture, if it needs one. `is_empty` says that no Gaussian was drawn.
+    pub fn on_view(&mut self, files: &str, camera: &Camera, is_empty: bool) {
+        if !is_empty && self.near_is_noted {
             return;
         }
         match (self.cut(camera), is_empty) {
             (Some(cut), _) => {
-                self.is_noted = true;
+                self.near_is_noted = true;
                 let near = self.near as f32;
                 remark(&format!(
                     "note: {files}: {cut} between the camera and the near plane of {near}; --near sets it"
