@@ -72,6 +72,7 @@ pub mod pagefile;
 pub mod pixels;
 #[doc(hidden)]
 pub mod procedural;
+mod quantities;
 pub mod reference;
 pub mod render;
 pub mod rules;

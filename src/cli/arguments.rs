@@ -8,7 +8,8 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, CommandFactory, Error, FromArgMatches};
 
-use super::{Cli, Usage};
+use super::renamed::in_present_spelling;
+use super::{Cli, Usage, remark};
 use crate::options::{Group, KNOBS, Knob};
 
 /// Options that have no effect without one of some others.
@@ -42,6 +43,8 @@ pub(super) struct Parsed {
 
 /// Parses the command line. Prints help texts and the version and ends the process if they are asked for.
 pub(super) fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Parsed, Usage> {
+    let (arguments, notes) = in_present_spelling(arguments.into_iter().map(Into::into).collect());
+    notes.iter().for_each(|note| remark(note));
     let parsed = command().try_get_matches_from(arguments).and_then(|all| Ok((Cli::from_arg_matches(&all)?, all)));
     let (cli, all) = parsed.map_err(refused)?;
     let Some((_, matches)) = all.subcommand() else { return Ok(Parsed { cli, reports_to_stdout: false }) };

@@ -3,7 +3,8 @@
 use anyhow::Result;
 
 use super::drawable::Drawable;
-use super::{Usage, progress, remark};
+use super::headings::ACCURACY;
+use super::{Usage, progress, remark, values};
 use crate::camera::Camera;
 use crate::gpu::Device;
 use crate::measure::trade::{Budget, choose_for};
@@ -12,14 +13,18 @@ use crate::rules::Background;
 
 /// Largest error of the pictures against the reference.
 #[derive(clap::Args, Clone, Debug, Default)]
-#[command(next_help_heading = "Error budget")]
+#[command(next_help_heading = ACCURACY)]
 pub(super) struct BudgetArgs {
-    /// Choose the fastest of some options whose colour values differ from the reference by at most ERROR (white is 1):
-    /// by proof, else by measurement on views of the scene, with a margin. Exit code 6 if there are none
-    #[arg(long, value_name = "ERROR", conflicts_with = "min_psnr")]
+    /// Take the fastest options whose colours stay within ERROR, like 0.02 or 4/255
+    ///
+    /// Several options are tried. Colours stay within ERROR of the reference (white is 1) by proof, or else by
+    /// measurement on views of the scene, with a margin. Exit code 6 if no options do.
+    #[arg(long, value_name = "ERROR", conflicts_with = "min_psnr", value_parser = values::error(values::MOST_ERROR))]
     pub max_error: Option<f64>,
-    /// Choose the fastest of some options whose PSNR to the reference is at least DB. Exit code 6 if there are none
-    #[arg(long, value_name = "DB")]
+    /// Take the fastest options whose PSNR to the reference is at least DB
+    ///
+    /// Several options are tried. Exit code 6 if no options have this PSNR.
+    #[arg(long, value_name = "DB", value_parser = values::decibels)]
     pub min_psnr: Option<f64>,
 }
 
@@ -29,10 +34,8 @@ impl BudgetArgs {
     /// # Errors
     /// If the number is not a valid budget.
     pub fn budget(&self) -> Result<Option<Budget>, Usage> {
-        let wrong = |name: &str, value: f64, what: &str| Err(Usage(format!("--{name} {value} is not {what}")));
         match (self.max_error, self.min_psnr) {
-            (Some(error), _) if !(error > 0.0 && error.is_finite()) => wrong("max-error", error, "an error over 0"),
-            (_, Some(db)) if !(db > 0.0 && db < 1000.0) => wrong("min-psnr", db, "a PSNR in dB over 0"),
+            (Some(0.0), _) => Err(Usage("--max-error 0 is not an error over 0".to_owned())),
             (Some(error), _) => Ok(Some(Budget::MaxError(error))),
             (_, Some(db)) => Ok(Some(Budget::MinPsnr(db))),
             (None, None) => Ok(None),

@@ -8,7 +8,9 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 use glam::DVec3;
 
+use super::headings::{CAMERAS, MANY};
 use super::scenes::SceneArg;
+use super::values::whole;
 use super::{Usage, numbers, remark};
 use crate::camera::{self, Camera, MAX_POSITION, NamedCamera, Split, Timeline, Up};
 use crate::procedural::{Procedural, TownPath};
@@ -17,9 +19,12 @@ use crate::scene::{Focus, Unreadable};
 /// The choice of a split.
 #[derive(clap::Args)]
 pub(super) struct SplitArg {
-    /// Use only the cameras of this split. They keep their positions in the file as numbers. If the file names no
-    /// split, every eighth camera in the order of names is in test (beginning with the first), all others are in train
-    #[arg(long, value_enum, value_name = "SPLIT", default_value = "all")]
+    /// Only the cameras of a split: all, train, val or test
+    ///
+    /// They keep their positions in the file as numbers. If the file names no split, every eighth camera in the order of
+    /// names is in test (beginning with the first), and all others are in train.
+    #[arg(long, help_heading = CAMERAS, value_enum, value_name = "SPLIT", default_value = "all")]
+    #[arg(hide_possible_values = true)]
     split: Choice,
 }
 
@@ -98,24 +103,23 @@ pub(super) fn named_or_found(
     }
 }
 
-const HEADING: &str = "Camera";
-
 /// A camera by its place, instead of one of a camera file.
 #[derive(clap::Args, Clone, Copy)]
 pub(super) struct EyeArgs {
-    /// Draw from this point, in world units, instead of from the cameras of a file. With --up, the point is one of the
-    /// turned scene
-    #[arg(long, help_heading = HEADING, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    /// Draw from this point, in world units, not from cameras of a file
+    ///
+    /// With --up, the point is one of the turned scene.
+    #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
     #[arg(conflicts_with_all = ["cameras", "split"])]
     eye: Option<DVec3>,
     /// The point that --eye looks at [default: the middle of the scene]
-    #[arg(long, help_heading = HEADING, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
     target: Option<DVec3>,
-    /// The direction that --eye sees upwards, for example 0,0,1 [default: 0,-1,0]
-    #[arg(long, help_heading = HEADING, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    /// The direction that --eye sees upwards, like 0,0,1 [default: 0,-1,0]
+    #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
     camera_up: Option<DVec3>,
     /// Horizontal field of view of --eye, in degrees [default: 50]
-    #[arg(long, help_heading = HEADING, value_name = "DEGREES", value_parser = parse_angle)]
+    #[arg(long, help_heading = CAMERAS, value_name = "DEGREES", value_parser = parse_angle)]
     fov: Option<f64>,
 }
 
@@ -172,17 +176,22 @@ fn parse_angle(text: &str) -> Result<f64> {
 /// A camera path and its frame rate.
 #[derive(clap::Args)]
 pub(super) struct FilmArgs {
-    /// Draw the frames of a camera path (docs/side-files.md) into a folder. `smalto view` writes such files. In the
-    /// town, street, roof or air: 20 seconds along streets, around on a roof, or over the houses
-    #[arg(long, value_name = "FILE|street|roof|air", conflicts_with_all = ["cameras", "camera", "split", "eye"])]
+    /// Frames along a camera path, into a folder; in the town: street, roof or air
+    ///
+    /// The file is one of `smalto view` (docs/side-files.md), any cameras.json, or a camera_path.json of nerfstudio. The
+    /// paths of the town take 20 seconds along streets, around on a roof, or over the houses.
+    #[arg(long, help_heading = MANY, value_name = "PATH", conflicts_with_all = ["cameras", "camera", "split", "eye"])]
     path: Option<PathBuf>,
-    /// Draw N pictures of one turn around the scene into a folder, with a horizontal field of view of 60 degrees. --up
-    /// says which way is up
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_FRAMES as i64))]
+    /// N pictures of one turn around the scene, into a folder
+    ///
+    /// The horizontal field of view is 60 degrees. --up says which way is up.
+    #[arg(long, help_heading = MANY, value_name = "N", value_parser = whole::<usize>(1..=MAX_FRAMES as u64))]
     #[arg(conflicts_with_all = ["path", "cameras", "camera", "split", "eye", "dump"])]
-    orbit: Option<u32>,
-    /// Frames per second of --path and --video: a number, or a fraction like 30000/1001 [default: 30]
-    #[arg(long, value_name = "FPS")]
+    orbit: Option<usize>,
+    /// Frames per second of --path and --video, like 24 or 30000/1001 [default: 30]
+    ///
+    /// A camera_path.json of nerfstudio has a rate of its own, which is the default for it.
+    #[arg(long, help_heading = MANY, value_name = "FPS")]
     fps: Option<Fps>,
 }
 
@@ -199,7 +208,7 @@ const MAX_FRAMES: usize = 100_000;
 impl FilmArgs {
     /// Number of pictures around the scene, if given.
     pub fn orbit(&self) -> Option<usize> {
-        self.orbit.map(|count| count as usize)
+        self.orbit
     }
 
     /// Frames per second of pictures that are not along a path.
@@ -226,6 +235,9 @@ pub(super) fn along_path(
         let fps = fps.cloned().unwrap_or_default();
         let count = (TOWN_SECONDS * fps.value).ceil() as usize;
         return Ok((town_cameras(town()?, path, size_px, count)?, fps));
+    }
+    if ["orbit", "orbit-zoom", "turn"].iter().any(|name| file == Path::new(name)) && !file.exists() {
+        return Err(Usage("--path takes a file, street, roof or air: --orbit N draws a turn".to_owned()).into());
     }
     let (timeline, own) = Timeline::read_film(file).map_err(|problem| Unreadable::new(file, &problem))?;
     let fps = fps.cloned().or(own.map(Fps::from)).unwrap_or_default();

@@ -2,20 +2,22 @@
 
 use std::collections::BTreeSet;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::Result;
 use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
 
 use super::environment::Environment;
+use super::headings::DEVICE;
 use super::pipeline_cache::with_pipeline_cache;
-use super::{remark, say};
+use super::{remark, say, values};
 use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, survey};
 
 /// The choice of a device.
 #[derive(Args)]
+#[command(next_help_heading = DEVICE)]
 pub(super) struct DeviceArgs {
-    /// Vulkan device: its number in the list of `smalto doctor`, or a part of its name [default: the fastest kind]
-    #[arg(long, value_name = "INDEX|NAME", value_parser = NonEmptyStringValueParser::new())]
+    /// Number in the list of `smalto doctor`, or part of a name [default: the fastest]
+    #[arg(long, value_name = "DEVICE", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
     #[command(flatten)]
     memory: MemoryArg,
@@ -23,20 +25,26 @@ pub(super) struct DeviceArgs {
 
 /// The limit of device memory.
 #[derive(Args, Clone, Copy)]
+#[command(next_help_heading = DEVICE)]
 pub(super) struct MemoryArg {
-    /// The most device memory to take, in bytes or with a unit, like 4GB or 700MiB, for each device: what does not fit
-    /// is drawn in parts, and the picture is the same [default: what the driver says is free, less a part for others]
-    #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+    /// Limit of device memory, like 4GB or 700MiB [default: what is free]
+    ///
+    /// For each device. What does not fit is drawn in parts, and the picture is the same. By default, the limit is what
+    /// the driver says is free, less a part for other programs.
+    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
     memory: Option<u64>,
 }
 
 /// The choice of several devices.
 #[derive(Args)]
+#[command(next_help_heading = DEVICE)]
 pub(super) struct DevicesArgs {
-    /// Vulkan devices, separated by commas: their numbers in the list of `smalto doctor`, or parts of their names; or
-    /// all: every GPU, or every software device where there is no GPU [default: one of the fastest kind].
-    /// `render` shares the pictures among them; `bench` measures the first, then the speed of all together
-    #[arg(long, value_name = "INDEX|NAME,...|all", value_parser = NonEmptyStringValueParser::new())]
+    /// Number in the list of `smalto doctor`, or part of a name; 0,1 or all
+    ///
+    /// Several devices are separated by commas. all: every GPU, or every software device where there is no GPU. By
+    /// default, one of the fastest kind. `render` shares the pictures among them; `bench` measures the first, then the
+    /// speed of all together.
+    #[arg(long, value_name = "DEVICES", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
     #[command(flatten)]
     memory: MemoryArg,
@@ -111,27 +119,6 @@ fn validation(environment: &Environment) -> Validation {
 fn open(choice: &DeviceChoice, environment: &Environment, memory: MemoryArg) -> Result<Device> {
     let device = Device::open(choice, validation(environment))?.with_shaders(environment.shaders.as_deref())?;
     device.with_memory_limit(memory.memory)
-}
-
-/// Parses a number of bytes with a unit: powers of 1000 like MB, or of 1024 like MiB.
-fn parse_bytes(text: &str) -> Result<u64> {
-    let expected = "expected a number of bytes, or one with a unit, like 4GB, 1.5GB or 700MiB";
-    let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.' || c == '_')).unwrap_or(text.len());
-    let (number, unit) = (text[..digits].replace('_', ""), text[digits..].trim().to_lowercase());
-    let factor = match unit.as_str() {
-        "" | "b" => 1.0,
-        "kb" | "k" => 1e3,
-        "mb" | "m" => 1e6,
-        "gb" | "g" => 1e9,
-        "tb" => 1e12,
-        "kib" => 1024.0,
-        "mib" => 1024.0 * 1024.0,
-        "gib" => 1024.0 * 1024.0 * 1024.0,
-        _ => bail!(expected),
-    };
-    let bytes = number.parse::<f64>().context(expected)? * factor;
-    ensure!((1.0..1e18).contains(&bytes), expected);
-    Ok(bytes as u64)
 }
 
 /// The devices of a list. A list that is a part of a device's name, which may hold commas, means that device.

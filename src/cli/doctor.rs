@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::devices::{DeviceArgs, say_memory};
+use super::headings::REPORTS;
 use super::sink::Sink;
 use super::table::{say_table, table};
 use super::{complain, remark, say};
@@ -24,11 +25,15 @@ use crate::{reference, render};
 pub(super) struct Args {
     #[command(flatten)]
     device: DeviceArgs,
-    /// Write devices and test as JSON (docs/schemas/doctor.schema.json); - prints it instead of the text
-    #[arg(long, value_name = "FILE|-")]
+    /// Write devices and test as JSON; - prints it instead of the text
+    ///
+    /// Schema: docs/schemas/doctor.schema.json.
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|-")]
     json: Option<Sink>,
-    /// Also list the driver's statistics of the compiled shaders, such as their registers, if it has any
-    #[arg(long)]
+    /// Also list the driver's statistics of the compiled shaders
+    ///
+    /// Such as registers, if the driver has any.
+    #[arg(long, help_heading = REPORTS)]
     pipelines: bool,
 }
 

@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::headings::REPORTS;
 use super::scenes::SceneArg;
 use super::sink::Sink;
 use super::{knobs, say};
@@ -18,11 +19,12 @@ use crate::scene::{Bounds, Focus, Gaussians, LoadReport, Requirements, Scene, Sc
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Preset whose GPU storage is reported
-    #[arg(long, value_name = "NAME", default_value = "balanced", value_parser = knobs::preset_names())]
+    /// Preset whose GPU storage is reported, like exact or fast
+    #[arg(long, help_heading = REPORTS, value_name = "NAME", default_value = "balanced", hide_possible_values = true)]
+    #[arg(value_parser = knobs::preset_names())]
     preset: String,
     /// Write the report as JSON; - prints it instead of the text
-    #[arg(long, value_name = "FILE|-")]
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|-")]
     json: Option<Sink>,
 }
 

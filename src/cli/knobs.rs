@@ -4,6 +4,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::{Arg, ArgMatches, Command};
 
 use super::Usage;
+use super::headings::{ACCURACY, LEVELS};
 use crate::options::{Group, KNOBS, Kind, Knob, Options, Value};
 
 /// The knobs that override a preset, with their values.
@@ -65,6 +66,10 @@ impl clap::FromArgMatches for RuleKnobs {
     }
 }
 
+/// Knobs that the short help leaves out.
+const RARE: [&str; 8] =
+    ["order", "extent", "alpha-min", "key-bits", "sh-storage", "shape-storage", "lod-error", "lod-fade"];
+
 fn flag(knob: &'static Knob) -> Arg {
     let parse = move |text: &str| knob.parse(text);
     let values: ValueParser = match knob.kind {
@@ -72,15 +77,14 @@ fn flag(knob: &'static Knob) -> Arg {
         Kind::Flag => PossibleValuesParser::new(["true", "false"]).try_map(move |flag| parse(&flag)).into(),
         Kind::Number { .. } | Kind::Count(_) => ValueParser::new(parse),
     };
-    let heading = match knob.group {
-        Group::Rules => "Rules of the picture",
-        Group::Accuracy | Group::Path => "Accuracy for speed (defaults are the preset's)",
-    };
+    let short = knob.help.split_once("\n\n").map_or(knob.help, |(first, _)| first);
     Arg::new(knob.name)
         .long(knob.name)
         .value_name(knob.value_name)
-        .help(knob.help)
-        .help_heading(heading)
+        .help(short)
+        .long_help(knob.help)
+        .help_heading(if knob.is_of_levels() { LEVELS } else { ACCURACY })
+        .hide_short_help(RARE.contains(&knob.name))
         .value_parser(values)
 }
 

@@ -21,6 +21,9 @@
 //! - `drawable` - a scene that commands draw, with its name and its entry in reports
 //! - `cameras` - the cameras: of a file, a split of it, or along a path
 //! - `devices` - the choice of one or several devices
+//! - `values` - parsers of the values of options
+//! - `headings` - the groups of options in help texts
+//! - `renamed` - former spellings of options
 //! - `knobs` - the knobs of `options` as flags
 //! - `budget` - error budgets, for which the options are chosen automatically
 //! - `environment` - environment variables
@@ -47,6 +50,7 @@ mod doctor;
 mod drawable;
 mod dump;
 pub mod environment;
+mod headings;
 mod info;
 mod interrupt;
 mod knobs;
@@ -55,12 +59,14 @@ mod pairs;
 mod pipeline_cache;
 mod progress;
 mod prune;
+mod renamed;
 mod render;
 mod scenes;
 mod schemas;
 mod sink;
 mod table;
 mod trade;
+mod values;
 #[cfg_attr(not(feature = "viewer"), path = "no_view.rs")]
 mod view;
 
@@ -71,11 +77,11 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Parser, Subcommand};
 
-use crate::camera::{Camera, MAX_SIDE};
+use crate::camera::Camera;
 use crate::gpu::{Device, Unavailable};
 use crate::host_memory::OutOfMemory;
 use crate::measure::metrics::psnr;
@@ -293,13 +299,4 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N]> {
         text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
     numbers.with_context(|| format!("'{text}' is not {N} number{}", if N == 1 { "" } else { "s with commas between" }))
-}
-
-/// Parses `WIDTHxHEIGHT` in pixels.
-fn parse_size(text: &str) -> Result<[u32; 2]> {
-    let sides = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
-    match sides {
-        Some(size @ [1..=MAX_SIDE, 1..=MAX_SIDE]) => Ok(size),
-        _ => bail!("expected WIDTHxHEIGHT in pixels, like 1280x720, each from 1 to {MAX_SIDE}"),
-    }
 }

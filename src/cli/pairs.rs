@@ -4,7 +4,6 @@
 use clap::{Arg, Command};
 
 use super::arguments::{command, parse};
-use super::bench::PATHS;
 
 /// The options of a command, and pairs that are refused: options, and those that have no effect together with them. All
 /// other pairs have an effect together.
@@ -17,7 +16,7 @@ struct Pairs {
 }
 
 const DEVICE: &str = "device memory";
-const READING: &str = "up flip lod";
+const READING: &str = "up flip sog-level";
 const RULES: &str = "near order extent alpha-min antialiased";
 const ACCURACY: &str = "stop key-bits sh-degree sh-storage shape-storage scale";
 const LEVELS: &str = "lod-error lod-psnr lod-fade splats";
@@ -71,7 +70,7 @@ const COMMANDS: [Pairs; 10] = [
             ACCURACY,
             LEVELS,
             "cameras photographs size fullscreen vsync preset compare compare-by look keys events offscreen screen \
-             path fps no-panels follow",
+             path target-fps no-panels follow",
         ],
         refused: &[
             ("follow", "offscreen screen path"),
@@ -85,13 +84,16 @@ const COMMANDS: [Pairs; 10] = [
     Pairs {
         command: "convert",
         needed: &["a.ply", "b.spz"],
-        options: &[READING, "sh-degree transform crop min-opacity spz-version storage memory json format no-clobber"],
+        options: &[
+            READING,
+            "sh-degree transform crop min-opacity spz-version storage host-memory json format no-clobber",
+        ],
         refused: &[],
     },
     Pairs {
         command: "lod",
         needed: &["a.ply"],
-        options: &[READING, "output level splats format storage memory json"],
+        options: &[READING, "output level splats format storage host-memory json"],
         refused: &[("level", "splats")],
     },
     Pairs {
@@ -101,9 +103,9 @@ const COMMANDS: [Pairs; 10] = [
             READING,
             DEVICE,
             RULES,
-            "output format spz-version no-clobber max-error psnr cameras split camera size keep-unseen json",
+            "output format spz-version no-clobber max-error min-psnr cameras split camera size keep-unseen json",
         ],
-        refused: &[("max-error", "psnr")],
+        refused: &[("max-error", "min-psnr")],
     },
     Pairs {
         command: "bench",
@@ -168,17 +170,17 @@ fn sample(arg: &Arg) -> String {
     let placeholder = arg.get_value_names().and_then(|names| names.first()).map_or("", |name| name.as_str());
     match placeholder {
         "WxH" | "WxH,..." => "8x8",
-        "R,G,B|#RRGGBB|NAME" | "X,Y,Z" => "0,0,1",
+        "COLOUR" | "X,Y,Z" => "0,0,1",
         "AXIS" => "z",
         "AXES" => "y",
         "STEP" => "scale=2",
         "SHAPE" => "sphere=0,0,0,1",
         "3|4" => "3",
-        "MB" => "64",
+        "SIZE" => "64MB",
         "VIDEO" => "a.mp4",
         "K/N" => "1/2",
         "8..32" | "FRAMES" => "8",
-        PATHS => "orbit",
+        "PATH" => "orbit",
         name if name.contains("FILE") || name.contains("DIR") => return format!("{}.json", arg.get_id()),
         _ => "1",
     }

@@ -3,18 +3,20 @@
 use std::cell::RefCell;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, ensure};
 use comfy_table::Cell;
 
 use super::cameras::{SplitArg, named_or_found};
 use super::convert::{Target, formats, say_file, say_loss, write_pages, write_scene};
 use super::devices::DeviceArgs;
+use super::headings::{CAMERAS, OUTPUT, REPORTS};
 use super::knobs::RuleKnobs;
 use super::render::{SelectedCamera, select_cameras};
 use super::scenes::SceneArg;
 use super::sink::Sink;
 use super::table::{say_table, table};
-use super::{Usage, complain, one_of, parse_size, progress, say};
+use super::values::whole;
+use super::{Usage, complain, one_of, progress, say, values};
 use crate::camera::{self, Camera};
 use crate::formats::written_labels;
 use crate::gpu::Device;
@@ -30,61 +32,79 @@ use crate::scene::{Scene, Unreadable};
 
 /// Drop the Gaussians that contribute least to given views, within a limit on the change, and write the rest
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(
+    after_help = "\
+Examples:
+  smalto prune plush.spz --cameras cameras.json --min-psnr 50 -o less.spz
+  smalto prune plush.spz --cameras cameras.json --max-error 4/255 -o less.sog
+  smalto prune plush.spz --split train --keep-unseen --min-psnr 50 -o less.spz",
+    after_long_help = "\
 A Gaussian contributes alpha * transmittance to a pixel. Those whose largest contribution is the
 least are dropped first, as many as the limit allows. The limit is kept by measurement: every given
 view is drawn with all Gaussians and with those that are left. It covers these views, at their
 sizes, and no others: Gaussians that no given view sees are dropped whatever the limit, unless
 --keep-unseen is given. Cameras of the file that are not given (--camera, --split) are measured and
 reported. `bound` is what no pixel of the given views can exceed, by proof (docs/prune.md). The loss
-of the written format comes on top and is reported.")]
+of the written format comes on top and is reported."
+)]
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    #[arg(short, long, value_name = "FILE", help = format!(
+    /// The file to write; - for standard output
+    #[arg(short, long, help_heading = OUTPUT, value_name = "FILE", long_help = format!(
         "The file to write: {}; - for standard output", written_labels()
     ))]
     output: PathBuf,
-    /// Format of the file to write [default: by its name]. Needed for standard output and for names without an ending
-    #[arg(long, value_name = "FORMAT", value_parser = one_of(formats()))]
+    /// Format of the file [default: by its name]
+    ///
+    /// Needed for standard output and for names without an ending.
+    #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
+    #[arg(hide_possible_values = true)]
     format: Option<Target>,
     /// Version of the .spz file [default: 4]
-    #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u32).range(3..=4))]
+    #[arg(long, help_heading = OUTPUT, value_name = "3|4", value_parser = whole::<u32>(3..=4))]
     spz_version: Option<u32>,
     /// Refuse to replace an existing file
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     no_clobber: bool,
-    /// Let no colour value of a pixel of a given view change by more than ERROR, from 0 to 1 (white is 1) or as steps
-    /// of 8 bits like 2/255
-    #[arg(long, value_name = "ERROR|N/255", conflicts_with = "psnr", value_parser = parse_error)]
+    /// Let no colour value of a given view change by more than ERROR, like 4/255
+    ///
+    /// From 0 to 1 (white is 1), or as steps of 8 bits.
+    #[arg(long, help_heading = LIMIT, value_name = "ERROR", conflicts_with = "min_psnr", value_parser = values::error(1.0))]
     max_error: Option<f64>,
-    /// Keep every given view at a PSNR of at least DB against the whole scene
-    #[arg(long, value_name = "DB", alias = "min-psnr", value_parser = parse_psnr)]
-    psnr: Option<f64>,
-    /// Camera file or folder, as `smalto render` takes it [default: the one found in the scene's folder or above it]
-    #[arg(long, value_name = "FILE|DIR")]
+    /// Keep every given view at a PSNR of at least DB to the whole scene
+    #[arg(long, help_heading = LIMIT, value_name = "DB", value_parser = values::decibels)]
+    min_psnr: Option<f64>,
+    /// Keep the Gaussians that no given view sees, for other views
+    ///
+    /// Without this option they are dropped.
+    #[arg(long, help_heading = LIMIT)]
+    keep_unseen: bool,
+    /// Camera file or folder [default: found next to the scene or above it]
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
-    /// The given views, as `smalto render` takes them: a position, an image name, a range like 0..10, a list of these
-    /// like 0,5,-1, or `all`
-    #[arg(long, value_name = "N|NAME|LIST|all", allow_hyphen_values = true, default_value = "all")]
+    /// The given views: positions or image names, as for `smalto render`
+    #[arg(long, help_heading = CAMERAS, value_name = "CAMERAS", allow_hyphen_values = true, default_value = "all")]
     camera: String,
-    /// Picture size in pixels at which views are drawn [default: the cameras']. A limit holds at this size: larger
-    /// pictures show more
-    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    /// Picture size in pixels of the views [default: the cameras']
+    ///
+    /// A limit holds at this size: larger pictures show more.
+    #[arg(long, help_heading = CAMERAS, value_name = "WxH", value_parser = values::size)]
     size: Option<[u32; 2]>,
-    /// Keep the Gaussians that no given view sees, for other views. Without this option they are dropped
-    #[arg(long)]
-    keep_unseen: bool,
-    #[command(flatten)]
-    device: DeviceArgs,
-    /// Write the report as JSON (docs/schemas/prune.schema.json); - prints it instead of the text
-    #[arg(long, value_name = "FILE|-")]
-    json: Option<Sink>,
     #[command(flatten)]
     knobs: RuleKnobs,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Write the report as JSON; - prints it instead of the text
+    ///
+    /// Schema: docs/schemas/prune.schema.json.
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|-")]
+    json: Option<Sink>,
 }
+
+const LIMIT: &str = "Limit";
 
 /// The views of a camera file.
 struct Views {
@@ -136,10 +156,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 fn limit(args: &Args) -> Result<Limit, Usage> {
-    match (args.max_error, args.psnr) {
+    match (args.max_error, args.min_psnr) {
         (Some(error), _) => Ok(Limit::MaxError(error)),
         (None, Some(db)) => Ok(Limit::Psnr(db)),
-        (None, None) => Err(Usage("prune needs a limit of what it may change: --max-error or --psnr".to_owned())),
+        (None, None) => Err(Usage("prune needs a limit of what it may change: --max-error or --min-psnr".to_owned())),
     }
 }
 
@@ -274,35 +294,4 @@ fn print(subject: &Subject, limit: Limit, views: &Views, pruned: &Pruned) -> Res
         row("not covered", others.views, others.measured);
     }
     say_table(&rows)
-}
-
-fn parse_error(text: &str) -> Result<f64> {
-    let expected = "expected a number from 0 to 1, or steps of 8 bits like 2/255";
-    let number = |text: &str| text.trim().parse::<f64>().context(expected);
-    let error = match text.split_once('/') {
-        Some((above, below)) => number(above)? / number(below)?,
-        None => number(text)?,
-    };
-    if (0.0..=1.0).contains(&error) { Ok(error) } else { bail!(expected) }
-}
-
-fn parse_psnr(text: &str) -> Result<f64> {
-    match text.parse() {
-        Ok(db) if db > 0.0 && db < 1000.0 => Ok(db),
-        _ => bail!("expected a PSNR in dB, above 0 and below 1000"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_error_is_a_number_or_steps() {
-        assert_eq!(parse_error("0.02").unwrap(), 0.02);
-        assert_eq!(parse_error("2/255").unwrap(), 2.0 / 255.0);
-        for text in ["", "-0.1", "1.5", "nan", "300/255", "1/0", "2/", "x"] {
-            assert!(parse_error(text).is_err(), "{text}");
-        }
-    }
 }

@@ -8,9 +8,10 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use super::cameras::along_path;
 use super::devices::DeviceArgs;
 use super::environment::Environment;
+use super::headings::{ACCURACY, CAMERAS, MEASURING};
 use super::knobs::Knobs;
 use super::scenes::{ReadingArgs, SceneArg};
-use super::{Usage, complain, knobs, parse_size, remark, say, size_text};
+use super::{Usage, complain, knobs, remark, say, size_text, values};
 use crate::files::check_writable;
 use crate::gpu::Vsync;
 use crate::measure::bench::Statistics;
@@ -25,86 +26,100 @@ use crate::viewer::{
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  smalto view garden.ply
+  smalto view plush.spz cactus:100K --cameras cameras.json
+  smalto view plush.spz --compare fast --compare-by difference
+  smalto view model.ply --follow
+  smalto view garden.smalto --splats 3M --target-fps 60")]
 pub(super) struct Args {
-    /// Scene files that `smalto render` reads, model folders of the original 3DGS, projects (NAME.project.json) that
-    /// the window saved, or procedural scenes: cactus, room, plain, town, few-large or many-small, with :COUNT for
-    /// another number of Gaussians. More files can be dropped on the window
+    /// Scene files, folders, projects or procedural scenes, as for `smalto render`
+    ///
+    /// Projects (NAME.project.json) are saved by the window. More files can be dropped on it.
     scenes: Vec<PathBuf>,
-    /// Camera file or folder that `smalto render` reads [default: searched next to the first scene and above it]
-    #[arg(long, value_name = "FILE|DIR")]
+    /// Camera file [default: found next to the first scene or above it]
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
-    /// Folder with the photographs of the cameras, whose names are those of the cameras [default: a folder `images`
-    /// beside the camera file or above it]
-    #[arg(long, value_name = "DIR")]
+    /// Folder with the photographs of the cameras, by their names
+    ///
+    /// By default, a folder `images` beside the camera file or above it.
+    #[arg(long, help_heading = CAMERAS, value_name = "DIR")]
     photographs: Option<PathBuf>,
-    /// Size of the window in pixels [default: 1280x720 points, which are more pixels where the screen is scaled]
-    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    /// Size of the window in pixels
+    ///
+    /// By default 1280x720 points, which are more pixels where the screen is scaled.
+    #[arg(long, help_heading = WINDOW, value_name = "WxH", value_parser = values::size)]
     size: Option<[u32; 2]>,
     /// Start in full screen
-    #[arg(long)]
+    #[arg(long, help_heading = WINDOW)]
     fullscreen: bool,
-    /// When a picture is shown: at a refresh of the screen, at once, or the newest at every refresh
-    #[arg(long, value_name = "WHEN", default_value = "on", value_parser = vsync_values())]
+    /// When a picture is shown: on (at a refresh of the screen), off or mailbox
+    #[arg(long, help_heading = WINDOW, value_name = "WHEN", default_value = "on", value_parser = vsync_values())]
+    #[arg(hide_possible_values = true)]
     vsync: Vsync,
-    #[command(flatten)]
-    device: DeviceArgs,
-    /// Accuracy for speed: exact, balanced, fast or preview. The rules of another renderer, exactly: inria, gsplat or
-    /// khr. As balanced, by the stages that run on every device: portable [default: balanced]
-    #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
-    preset: Option<String>,
-    /// Compare the picture with another: that of a preset, the float64 `reference`, or a picture file
-    #[arg(long, value_name = "PRESET|reference|FILE")]
-    compare: Option<String>,
-    /// How the two pictures of --compare are shown [default: split]
-    #[arg(long, value_name = "MODE", value_parser = compare_modes())]
-    compare_by: Option<CompareMode>,
-    /// View mode: what is shown in place of colours
-    #[arg(long, value_name = "MODE", default_value = "colour", value_parser = view_modes())]
+    /// Keep this many frames a second, by their GPU times
+    ///
+    /// Scenes with levels of detail are drawn with fewer nodes, and others at a lower scale while the view moves.
+    /// Written pictures have neither.
+    #[arg(long, help_heading = WINDOW, value_name = "RATE", value_parser = values::number(1.0..=10_000.0))]
+    target_fps: Option<f64>,
+    /// View mode: what is shown in place of colours; --help lists the modes
+    #[arg(long, help_heading = WINDOW, value_name = "MODE", default_value = "colour", value_parser = view_modes())]
+    #[arg(hide_possible_values = true)]
+    #[arg(long_help = looks())]
     look: usize,
-    /// File of key bindings [default: smalto/viewer.toml in the user's folder of settings]
-    #[arg(long, value_name = "FILE")]
-    keys: Option<PathBuf>,
-    /// Read a scene file again when it changes, and keep the view: watch a training that writes its scene now and then
-    #[arg(long, conflicts_with_all = ["offscreen", "screen", "path"])]
-    follow: bool,
-    /// Write events to standard output, one line of JSON each
-    #[arg(long)]
-    events: bool,
-    /// Open no window: draw this many frames of the viewer, from the cameras of the file in turn, and print their times
-    #[arg(
-        long,
-        value_name = "FRAMES",
-        value_parser = clap::value_parser!(u32).range(4..),
-        conflicts_with_all = ["fullscreen", "vsync"]
-    )]
-    offscreen: Option<u32>,
-    /// With --offscreen: the frames go along this camera path (docs/side-files.md), one every 60th of a second as on a
-    /// screen; in the town, street, roof or air
-    #[arg(long, value_name = "FILE|street|roof|air", requires = "offscreen")]
-    #[arg(conflicts_with_all = ["cameras", "fullscreen", "vsync"])]
-    path: Option<PathBuf>,
-    /// Keep this many frames a second, by their GPU times: scenes with levels of detail are drawn with fewer nodes, and
-    /// others at a lower scale while the view moves. What is written has neither
-    #[arg(id = "rate", long = "fps", value_name = "RATE", value_parser = parse_fps)]
-    fps: Option<f64>,
-    /// With --offscreen: write the last frame, with its panels, as PNG
-    #[arg(long, value_name = "FILE")]
-    screen: Option<PathBuf>,
+    /// Compare with a preset, the float64 `reference`, or a picture file
+    #[arg(long, help_heading = WINDOW, value_name = "WITH")]
+    compare: Option<String>,
+    /// split, flicker or difference: how --compare is shown [default: split]
+    #[arg(long, help_heading = WINDOW, value_name = "MODE", value_parser = compare_modes(), hide_possible_values = true)]
+    compare_by: Option<CompareMode>,
     /// Start with the panels hidden
-    #[arg(long)]
+    #[arg(long, help_heading = WINDOW)]
     no_panels: bool,
+    /// File of key bindings [default: smalto/viewer.toml among the user's settings]
+    #[arg(long, help_heading = WINDOW, value_name = "FILE")]
+    keys: Option<PathBuf>,
+    /// Read a scene file again when it changes, and keep the view
+    ///
+    /// For a training that writes its scene now and then.
+    #[arg(long, help_heading = WINDOW, conflicts_with_all = ["offscreen", "screen", "path"])]
+    follow: bool,
+    /// exact, balanced, fast, preview; inria, gsplat, khr; portable [default: balanced]
+    ///
+    /// The first four are accuracy for speed. inria, gsplat and khr draw exactly by the rules of another renderer.
+    /// portable is balanced by the stages that run on every device.
+    #[arg(long, help_heading = ACCURACY, value_name = "NAME", value_parser = knobs::preset_names())]
+    #[arg(hide_possible_values = true)]
+    preset: Option<String>,
     #[command(flatten)]
     knobs: Knobs,
     #[command(flatten)]
     reading: ReadingArgs,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Write events to standard output, one line of JSON each
+    #[arg(long, help_heading = MEASURING)]
+    events: bool,
+    /// Open no window: draw this many frames of the viewer and print their times
+    ///
+    /// The views are the cameras of the file in turn.
+    #[arg(long, help_heading = MEASURING, value_name = "FRAMES", value_parser = values::whole::<u32>(4..=1_000_000))]
+    #[arg(conflicts_with_all = ["fullscreen", "vsync"])]
+    offscreen: Option<u32>,
+    /// With --offscreen: frames along a camera path, as `smalto render` takes it
+    ///
+    /// There is a frame every 60th of a second, as on a screen.
+    #[arg(long, help_heading = MEASURING, value_name = "PATH", requires = "offscreen")]
+    #[arg(conflicts_with_all = ["cameras", "fullscreen", "vsync"])]
+    path: Option<PathBuf>,
+    /// With --offscreen: write the last frame, with its panels, as PNG
+    #[arg(long, help_heading = MEASURING, value_name = "FILE")]
+    screen: Option<PathBuf>,
 }
 
-fn parse_fps(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(fps) if (1.0..=10_000.0).contains(&fps) => Ok(fps),
-        _ => Err("frames a second are a number from 1 to 10000".to_owned()),
-    }
-}
+const WINDOW: &str = "Window";
 
 /// The fading of levels of detail where it is not given, powers of two of an error.
 const FADE: f32 = 0.5;
@@ -120,6 +135,12 @@ fn compare_modes() -> impl TypedValueParser<Value = CompareMode> {
         "difference" => CompareMode::Difference,
         _ => CompareMode::Split,
     })
+}
+
+/// The help text of --look.
+fn looks() -> String {
+    let names: Vec<_> = viewer::view_mode_names().collect();
+    format!("View mode: what is shown in place of colours: {}", names.join(", "))
 }
 
 fn view_modes() -> impl TypedValueParser<Value = usize> {
@@ -171,7 +192,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         compares_with,
         compare_mode: args.compare_by.unwrap_or(CompareMode::Split),
         view_mode: args.look,
-        fps: args.fps,
+        fps: args.target_fps,
         watches_files: args.follow,
         prints_events: args.events,
         remark,

@@ -2,6 +2,7 @@
 
 use super::setting::{Setting, Value};
 use super::{Options, Storage};
+use crate::quantities;
 use crate::rules::{ALPHA_MIN, Footprint, LISTED_ALPHA, Order};
 
 /// The values that a knob accepts.
@@ -61,6 +62,7 @@ pub struct Knob {
     pub name: &'static str,
     /// Placeholder for a value in help texts.
     pub value_name: &'static str,
+    /// One line, then after an empty line the rest, if there is more to say.
     pub help: &'static str,
     pub group: Group,
     pub kind: Kind,
@@ -79,8 +81,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "near",
         value_name: "DISTANCE",
-        help: "Near plane: Gaussians closer to the camera are not drawn. In world units [default: the preset's, mostly \
-               0.2; less if a small scene without cameras needs it]",
+        help: "Distance up to which nothing is drawn, in world units [default: 0.2]\n\nThe near plane. The default is \
+               the preset's, mostly 0.2; less if a small scene without cameras needs it.",
         group: Group::Rules,
         kind: Kind::Number { range: [POSITIVE, f32::MAX], usual: [0.001, 10.0], is_fraction: false },
         steps: &[Value::Number(0.01)],
@@ -92,8 +94,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "order",
         value_name: "KEY",
-        help: "Sort key of splats: depth (view z), distance (from the camera) or per-pixel (the depth at which the \
-               Gaussian is densest along the ray; only with --reference) [default: the preset's, mostly depth]",
+        help: "Sort key of splats [default: the preset's, mostly depth]\n\ndepth (view z), distance (from the camera) or \
+               per-pixel (the depth at which the Gaussian is densest along the ray; only with --reference).",
         group: Group::Rules,
         kind: Kind::Name(|| names(&Order::NAMES)),
         steps: &[],
@@ -105,9 +107,9 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "extent",
         value_name: "RULE",
-        help: "Footprint of a splat: exact (until its alpha falls below --alpha-min), three-sigma (the same, at most \
-               three standard deviations) or three-sigma-squares (all tiles of the square of three standard \
-               deviations) [default: the preset's, mostly exact]",
+        help: "Footprint of a splat [default: the preset's, mostly exact]\n\nexact (until its alpha falls below \
+               --alpha-min), three-sigma (the same, at most three standard deviations) or three-sigma-squares (all \
+               tiles of the square of three standard deviations).",
         group: Group::Rules,
         kind: Kind::Name(|| names(&Footprint::NAMES)),
         steps: &[Value::Name("exact"), Value::Name("three-sigma"), Value::Name("three-sigma-squares")],
@@ -136,8 +138,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "antialiased",
         value_name: "BOOL",
-        help: "Lower the opacity of a splat as the low-pass filter widens it (Mip-Splatting) [default: true if the \
-               scene was trained so]",
+        help: "Antialiasing of Mip-Splatting [default: as the scene was trained]\n\nThe opacity of a splat becomes \
+               lower as the low-pass filter widens it.",
         group: Group::Rules,
         kind: Kind::Flag,
         steps: &[Value::Flag(false), Value::Flag(true)],
@@ -149,8 +151,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "stop",
         value_name: "T",
-        help: "Finish a pixel once its transmittance is below T, from 0 to 1; no colour moves by more than this \
-               fraction of the brightest",
+        help: "Finish a pixel once its transmittance is below T, from 0 to 1\n\nNo colour changes by more than this \
+               fraction of the brightest.",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 1.0], usual: [0.0, 1.0], is_fraction: true },
         steps: &[
@@ -168,7 +170,7 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "key-bits",
         value_name: "8..32",
-        help: "Sort by this many of the most significant bits of the depth; fewer if the scene needs fewer",
+        help: "Sort by this many of the most significant bits of the depth\n\nFewer if the scene needs fewer.",
         group: Group::Accuracy,
         kind: Kind::Count([8, 32]),
         steps: &[Value::Count(32), Value::Count(24), Value::Count(16)],
@@ -195,8 +197,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "sh-storage",
         value_name: "FORMAT",
-        help: "Number format of spherical harmonics in GPU memory; lossless takes the fewest bits that keep all \
-               values of the file",
+        help: "Number format of spherical harmonics in GPU memory\n\nlossless takes the fewest bits that keep all \
+               values of the file.",
         group: Group::Accuracy,
         kind: Kind::Name(|| names(&Storage::NAMES)),
         steps: STORAGES,
@@ -232,8 +234,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "lod-error",
         value_name: "ERROR",
-        help: "Allowed LOD error, in 8-bit steps x pixels per merged Gaussian. Needs a file made by `smalto lod` \
-               [default: 0, everything is drawn]",
+        help: "Error that one merged node may make: 100 is coarse, 1 is fine\n\nThe sum over its pixels of the change \
+               in 8-bit steps. For a file made by `smalto lod` [default: 0, everything is drawn].",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 1e6], usual: [0.0, 64.0], is_fraction: false },
         steps: &[Value::Number(0.0)],
@@ -245,7 +247,9 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "lod-psnr",
         value_name: "DB",
-        help: "Least PSNR that LOD errors predict for the picture, in place of --lod-error [default: 0, no limit]",
+        help: "Draw levels of detail within a PSNR of DB, if no node hides another\n\nThe sum of the errors of all \
+               nodes is kept as low as this PSNR allows. Nodes do hide others: most pictures are 5 to 40 dB better. \
+               In place of --lod-error, for a file made by `smalto lod` [default: 0, no limit].",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 100.0], usual: [0.0, 60.0], is_fraction: false },
         steps: &[Value::Number(0.0)],
@@ -257,8 +261,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "splats",
         value_name: "COUNT",
-        help: "Splat budget: draw about this many Gaussians at most. Needs a file made by `smalto lod` [default: 0, \
-               no limit]",
+        help: "Draw about COUNT Gaussians at most, like 60K or 3M\n\nThe Gaussians whose merging changes the picture \
+               least are merged first. For a file made by `smalto lod` [default: 0, no limit].",
         group: Group::Accuracy,
         kind: Kind::Count([0, u32::MAX]),
         steps: &[Value::Count(0)],
@@ -270,8 +274,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "lod-fade",
         value_name: "OCTAVES",
-        help: "Cross-fade of levels of detail: nodes whose error exceeds the limit by less than this many powers of \
-               two are partly drawn, so that nothing pops [default: 0, no fade; of view: 0.5]",
+        help: "Fade nodes in over this range of errors, so that nothing pops\n\nA node whose error exceeds the limit \
+               by less than this many powers of two is drawn in part [default: 0, no fade; of view: 0.5].",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 4.0], usual: [0.0, 1.0], is_fraction: false },
         steps: &[Value::Number(0.0)],
@@ -333,10 +337,12 @@ impl Knob {
                     (false, _) => format!("expected a number from {low} to {high}"),
                 }),
             },
-            Kind::Count([low, high]) => match text.parse::<u32>() {
-                Ok(count) if (low..=high).contains(&count) => Ok(Value::Count(count)),
-                _ => Err(format!("expected a whole number from {low} to {high}")),
-            },
+            Kind::Count([low, high]) => {
+                let count = quantities::count(text).and_then(|count| u32::try_from(count).ok());
+                let count = count.filter(|count| (low..=high).contains(count)).map(Value::Count);
+                let example = if high >= 1000 { ", like 500 or 60K" } else { "" };
+                count.ok_or_else(|| format!("expected a whole number from {low} to {high}{example}"))
+            }
             Kind::Name(names) => match names().into_iter().find(|name| *name == text) {
                 Some(name) => Ok(Value::Name(name)),
                 None => Err(format!("expected {}", names().join(", "))),

@@ -22,6 +22,7 @@ use crate::scene::harmonics::C0;
 use crate::scene::{Builder, Gaussians, LoadReport, Random, Raw, Scene};
 
 use crate::host_memory::OutOfMemory;
+use crate::quantities;
 
 /// Largest number of Gaussians of a procedural scene other than the town.
 const MAX_COUNT: usize = 200_000_000;
@@ -155,7 +156,8 @@ fn ball(scale: f64, range: Range<usize>) -> Result<(Gaussians, LoadReport), OutO
 fn parse_count(text: &str, kind: Kind) -> Result<usize> {
     let (scene, most) =
         if kind == Kind::Town { ("the town", town::MAX_COUNT) } else { ("a procedural scene", MAX_COUNT) };
-    let count = text.replace('_', "").parse().with_context(|| format!("'{text}' is not a number of Gaussians"))?;
+    let count = quantities::count(text).and_then(|count| usize::try_from(count).ok());
+    let count = count.with_context(|| format!("'{text}' is not a number of Gaussians, like 20000 or 20K"))?;
     ensure!((1..=most).contains(&count), "{scene} has 1 to {most} Gaussians, not {count}");
     Ok(count)
 }
@@ -169,6 +171,7 @@ mod tests {
         let parse = |text| Procedural::parse(text).map(|p| p.map(|p| (p.kind, p.count)).map_err(|e| format!("{e:#}")));
         assert_eq!(parse("cactus"), Some(Ok((Kind::Cactus, 139_410))));
         assert_eq!(parse("many-small:3_000"), Some(Ok((Kind::ManySmall, 3000))));
+        assert_eq!(parse("many-small:3K"), Some(Ok((Kind::ManySmall, 3000))));
         assert_eq!(parse("cactus.ply"), None);
         assert_eq!(parse("cacti:3"), None);
         assert!(parse("few-large:0").unwrap().unwrap_err().contains("1 to 200000000"));

@@ -7,13 +7,14 @@ use crate::{code, is_test, program, sources};
 
 /// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
 /// modules, which are modules of their own here.
-const EDGES: [(&str, &str); 21] = [
+const EDGES: [(&str, &str); 22] = [
     ("host_memory", ""),
     ("files", ""),
+    ("quantities", ""),
     ("rules", ""),
-    ("options", "rules"),
+    ("options", "quantities rules"),
     ("scene", "host_memory files"),
-    ("procedural", "host_memory scene"),
+    ("procedural", "host_memory quantities scene"),
     ("formats", "host_memory files scene procedural"),
     ("camera", "files"),
     ("pixels", "host_memory files"),

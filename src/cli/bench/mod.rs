@@ -10,16 +10,17 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
-use clap::builder::RangedU64ValueParser;
 
 use crate::camera::Camera;
 use crate::cli::cameras::{EyeArgs, SplitArg};
 use crate::cli::devices::{DevicesArgs, say_memory};
 use crate::cli::drawable::{Drawable, read_places};
+use crate::cli::headings::{ACCURACY, CAMERAS, LEVELS, MEASURING, REPORTS};
 use crate::cli::knobs::Knobs;
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
-use crate::cli::{OverThreshold, Usage, check_plots, complain, knobs, measured_psnr, parse_size, progress, remark};
+use crate::cli::values::whole;
+use crate::cli::{OverThreshold, Usage, check_plots, complain, knobs, measured_psnr, progress, remark, values};
 use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::measure::bench::{
@@ -32,91 +33,104 @@ use crate::reference;
 use crate::render::{GpuScene, Renderer, Upload};
 use crate::rules::{Background, Rules};
 use crate::scene::{Gaussians, SceneInstances, Unreadable};
-pub(super) use views::{CameraPath, Cameras, PATHS};
+pub(super) use views::{CameraPath, Cameras};
 
 /// Measure the speed of rendering: whole frames, every stage, counts, memory
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  smalto bench plush.spz --cameras cameras.json --size 720x720,1920x1080
+  smalto bench cactus --preset exact,balanced,fast,preview
+  smalto bench town:3M --path street
+  smalto bench cactus few-large --json now.json --plot now.svg
+  smalto bench cactus few-large --baseline now.json --threshold 3")]
 pub(super) struct Args {
     /// Scenes, as `smalto render` takes them [default: cactus]
     scenes: Vec<PathBuf>,
-    /// Camera file or folder, as `smalto render` takes it: each frame is drawn from the next of its cameras
-    #[arg(long, value_name = "FILE|DIR", conflicts_with = "path")]
+    /// Camera file or folder: each frame is drawn from the next of its cameras
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
-    /// Draw the scene at every place of a list (docs/side-files.md): JSON like {"places": [{"position": [0, 0, 5],
-    /// "rotation": [1, 0, 0, 0], "scale": 2}]}. All places share the memory of one. Needs the fast path
-    #[arg(long, value_name = "FILE")]
-    place: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
+    /// orbit, orbit-zoom, turn, a camera path FILE; in the town: street, roof, air
+    ///
+    /// One turn around the scene (orbit), the same with two approaches to it (orbit-zoom), one turn on the spot in the
+    /// middle of the scene (turn), or a smooth path through the cameras of a file. In the town: along streets, one turn
+    /// on a roof, over the houses.
+    #[arg(long, help_heading = CAMERAS, value_name = "PATH", default_value = "orbit-zoom", conflicts_with = "eye")]
+    path: CameraPath,
     #[command(flatten)]
     eye: EyeArgs,
-    /// Camera path: one turn around the scene (orbit), the same with two approaches to it (orbit-zoom), one turn on the
-    /// spot in the middle of the scene (turn), or a smooth path through the cameras of a file. In the town: along
-    /// streets (street), one turn on a roof (roof), over the houses (air)
-    #[arg(long, value_name = PATHS, default_value = "orbit-zoom", conflicts_with = "eye")]
-    path: CameraPath,
+    /// Draw the scene at every place of a list (docs/side-files.md)
+    ///
+    /// The list is JSON like {"places": [{"position": [0, 0, 5], "rotation": [1, 0, 0, 0], "scale": 2}]}. All places
+    /// share the memory of one. Only the fast path draws them.
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE")]
+    place: Option<PathBuf>,
     /// Picture sizes in pixels
-    #[arg(long, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',', value_parser = parse_size)]
+    #[arg(long, help_heading = MEASURING, value_name = "WxH,...", default_value = "720x720", value_delimiter = ',')]
+    #[arg(value_parser = values::size)]
     size: Vec<[u32; 2]>,
-    /// Least number of warm-up frames; 0: no warm-up. The warm-up goes on until the frame time is steady: the median
-    /// GPU times of two consecutive windows of at least one second agree within 2 %; a quarter of a second once they
-    /// did so for the pipelines of the run. A window consists of rounds over the same views, 25 at most and fewer if
-    /// frames are slow. After 10 s the measurement begins with a warning
-    #[arg(long, value_name = "N", default_value_t = 30, value_parser = count(0))]
+    /// Least number of warm-up frames; 0: no warm-up
+    ///
+    /// The warm-up goes on until the frame time is steady: the median GPU times of two consecutive windows of a second
+    /// agree within 2 %, or after 10 s, with a warning (docs/commands.md).
+    #[arg(long, help_heading = MEASURING, value_name = "N", default_value_t = 30)]
+    #[arg(value_parser = whole::<usize>(0..=MOST_FRAMES))]
     warmup: usize,
-    /// Measured frames of each kind [default: 100, or fewer so that they take at most about 10 s]
-    #[arg(long, value_name = "N", value_parser = count(1))]
+    /// Measured frames of each kind [default: 100, or as many as 10 s allow]
+    #[arg(long, help_heading = MEASURING, value_name = "N", value_parser = whole::<usize>(1..=MOST_FRAMES))]
     frames: Option<usize>,
-    /// Presets of quality and speed to measure
-    #[arg(
-        long,
-        value_name = "NAME,...",
-        default_value = "balanced",
-        value_delimiter = ',',
-        value_parser = knobs::preset_names()
-    )]
-    preset: Vec<String>,
     /// Also compare the first view with the float64 reference. Slow
-    #[arg(long, conflicts_with = "place")]
+    #[arg(long, help_heading = MEASURING, conflicts_with = "place")]
     check: bool,
-    /// Also certify every view: an upper bound of the difference of any value from a picture that leaves nothing out,
-    /// for the scene as it is stored and the order in which it is sorted
-    #[arg(long, conflicts_with = "place")]
+    /// Also bound the error of every pixel of every view
+    ///
+    /// The certificate bounds the difference of each value from a picture that leaves nothing out. Storage on the GPU
+    /// and the order of splats are taken as they are.
+    #[arg(long, help_heading = MEASURING, conflicts_with = "place")]
     certificate: bool,
-    /// Draw every view by levels of detail by all Gaussians, too, and report the PSNR between the two
-    #[arg(long)]
-    measure_levels: bool,
-    #[command(flatten)]
-    device: DevicesArgs,
-    /// Write the report as JSON (docs/schemas/bench.schema.json); - prints it instead of the tables
-    #[arg(long, value_name = "FILE|-")]
-    json: Option<Sink>,
-    /// Write the report's statistics as CSV; - prints them instead of the tables
-    #[arg(long, value_name = "FILE|-")]
-    csv: Option<Sink>,
-    /// Plot the time of every stage as SVG
-    #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
-    /// Compare with an earlier report; exit code 6 if a frame takes longer than --threshold allows
-    #[arg(long, value_name = "FILE")]
+    /// Compare with an earlier report; exit code 6 if a frame is slower
+    #[arg(long, help_heading = MEASURING, value_name = "FILE")]
     baseline: Option<PathBuf>,
     /// Largest increase of the frame time over the baseline, in percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 5.0)]
+    #[arg(long, help_heading = MEASURING, value_name = "PERCENT", default_value_t = 5.0)]
+    #[arg(value_parser = values::number(0.0..=1e6))]
     threshold: f64,
+    /// Presets: exact, balanced, fast, preview, inria, gsplat, khr, portable
+    #[arg(long, help_heading = ACCURACY, value_name = "NAME,...", default_value = "balanced", value_delimiter = ',')]
+    #[arg(value_parser = knobs::preset_names(), hide_possible_values = true)]
+    preset: Vec<String>,
     #[command(flatten)]
     knobs: Knobs,
+    /// Draw every view with all Gaussians, too, and report the PSNR
+    ///
+    /// The PSNR is that of the picture by levels of detail against the one of all Gaussians.
+    #[arg(long, help_heading = LEVELS)]
+    measure_levels: bool,
     #[command(flatten)]
     reading: ReadingArgs,
+    #[command(flatten)]
+    device: DevicesArgs,
+    /// Write the report as JSON; - prints it instead of the tables
+    ///
+    /// Schema: docs/schemas/bench.schema.json.
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|-")]
+    json: Option<Sink>,
+    /// Write the report's statistics as CSV; - prints them instead of the tables
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|-")]
+    csv: Option<Sink>,
+    /// Plot the time of every stage as SVG
+    #[arg(long, help_heading = REPORTS, value_name = "FILE")]
+    plot: Option<PathBuf>,
 }
+
+/// Most frames of each kind.
+const MOST_FRAMES: u64 = 1_000_000;
 
 /// Measured frames of each kind, and the time for them on slow devices.
 const FRAMES: usize = 100;
 const PATIENCE: Duration = Duration::from_secs(10);
-
-/// Parses a number of frames, at least `least`.
-fn count(least: u64) -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(least..=1_000_000)
-}
 
 pub(super) fn run(args: &Args) -> Result<()> {
     check_usage(args)?;
@@ -228,9 +242,6 @@ impl Loaded {
 fn check_usage(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
     check_plots(args.plot.as_deref())?;
-    if !(args.threshold >= 0.0 && args.threshold.is_finite()) {
-        return Err(Usage(format!("--threshold {} is not a percentage of at least 0", args.threshold)).into());
-    }
     Ok(())
 }
 

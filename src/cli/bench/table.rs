@@ -69,7 +69,8 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         counts.early_exit_rate.median * 100.0
     )?;
     if let Some(DetailReport { nodes, pages, measured_psnr, .. }) = &run.detail {
-        let measured = |db: Statistics| format!(", {:.1} dB to all Gaussians, {:.1} in the worst view", db.median, db.min);
+        let measured =
+            |db: Statistics| format!(", {:.1} dB to all Gaussians, {:.1} in the worst view", db.median, db.min);
         say!(
             "  about {:.0} nodes in {:.0} pages of the levels{} (medians)",
             nodes.median,

@@ -11,9 +11,6 @@ use crate::cli::cameras::{EyeArgs, Numbered, SplitArg, TOWN_NEAR, town_cameras};
 use crate::procedural::{Procedural, TownPath};
 use crate::scene::Focus;
 
-/// The camera paths, as the help text names them.
-pub(in crate::cli) const PATHS: &str = "orbit|orbit-zoom|turn|street|roof|air|keyframes:FILE";
-
 /// A camera path as an argument names it.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::cli) enum CameraPath {
@@ -31,10 +28,12 @@ impl FromStr for CameraPath {
             "orbit" => Ok(Self::Orbit { zooms: false }),
             "orbit-zoom" => Ok(Self::Orbit { zooms: true }),
             "turn" => Ok(Self::Turn),
-            _ => match (TownPath::named(text), text.strip_prefix("keyframes:")) {
-                (Some(path), _) => Ok(Self::Town(path)),
-                (_, Some(file)) if !file.is_empty() => Ok(Self::Keyframes(file.into())),
-                _ => bail!("expected orbit, orbit-zoom, turn, street, roof, air or keyframes:FILE"),
+            _ => match TownPath::named(text) {
+                Some(path) => Ok(Self::Town(path)),
+                None if text.contains(['.', '/', '\\']) || Path::new(text).exists() => Ok(Self::Keyframes(text.into())),
+                None => {
+                    bail!("expected orbit, orbit-zoom, turn, street, roof, air or a file, and there is no such file")
+                }
             },
         }
     }
@@ -72,7 +71,10 @@ impl Cameras {
     pub fn along(split: &SplitArg, path: &CameraPath, default_px: [u32; 2]) -> Result<Self> {
         if let CameraPath::Keyframes(file) = path {
             let read = split.read(file, Some(default_px))?.cameras.into_iter().map(|(_, named)| named.camera);
-            return Ok(Self { name: name_of(file), source: Source::Keyframes(read.collect()) });
+            return Ok(Self {
+                name: format!("keyframes:{}", name_of(file)),
+                source: Source::Keyframes(read.collect()),
+            });
         }
         split.check_no_file()?;
         let (name, script): (_, Script) = match path {

@@ -11,11 +11,13 @@ mod tables;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
+use crate::cli::headings::{MEASURING, REPORTS};
 use crate::cli::sink::Sink;
-use crate::cli::{Usage, progress, size_text};
+use crate::cli::values::{MOST_ERROR, number};
+use crate::cli::{Usage, progress, size_text, values};
 use crate::files::{check_writable, make_folder};
 use crate::host_memory::check_free;
 use crate::measure::metrics::{
@@ -28,61 +30,75 @@ use folders::{Files, pairs};
 
 /// Compare pictures: largest error, PSNR, SSIM, FLIP and changes in 8 bits; errors of depths and of alpha
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  smalto compare plush.exr exact.exr
+  smalto compare views/ reference/ --heatmap flip/
+  smalto compare views/ reference/ --min-psnr 60 --max-flip 0.01
+  smalto compare renders/ photographs/ --partial
+  smalto compare a.depth.exr b.depth.exr --max-depth-error 0.01")]
 pub(super) struct Args {
-    /// PNG, JPEG, EXR or .npy file, recognized by its content; or a folder, whose pictures and those in folders below
-    /// it are compared with those of the same names but for the ending, such as renders with photographs. Colours with
-    /// alpha are compared as seen over black, alpha by itself if both files have it. A single channel of floats, such
-    /// as depths, is compared as numbers: absolute and relative errors
+    /// Picture (PNG, JPEG, EXR, .npy), or folder of pictures
+    ///
+    /// A file is recognized by its content. Pictures of a folder and of the folders below it are compared with those of
+    /// the same names but for the ending, such as renders with photographs. Colours with alpha are compared as seen over
+    /// black, alpha by itself if both files have it. A single channel of floats, such as depths, is compared as numbers:
+    /// absolute and relative errors.
     a: PathBuf,
     /// The other file or folder. The order of the two does not matter
     b: PathBuf,
-    /// Compare the pictures of two folders that have a partner, and print how many have none. Without it, a picture
-    /// without a partner is an error
-    #[arg(long)]
+    /// Compare only the pictures of two folders that have a partner
+    ///
+    /// The number of pictures without a partner is printed. Without this option, such a picture is an error.
+    #[arg(long, help_heading = MEASURING)]
     partial: bool,
-    /// Write the FLIP map as PNG, from black (equal) to bright (different); for folders, into a folder. Of depths,
-    /// their relative error, brightest from 10 % on
-    #[arg(long, value_name = "FILE|DIR")]
-    heatmap: Option<PathBuf>,
-    /// Write the report as JSON (docs/schemas/compare.schema.json); - prints it instead of the table
-    #[arg(long, value_name = "FILE|-")]
-    json: Option<Sink>,
     /// Pixels per degree of the viewer's field of view, for FLIP
-    #[arg(long, value_name = "PIXELS", default_value_t = PIXELS_PER_DEGREE, value_parser = within(1.0, 1000.0))]
+    #[arg(long, help_heading = MEASURING, value_name = "PIXELS", default_value_t = PIXELS_PER_DEGREE)]
+    #[arg(value_parser = number(1.0..=1000.0))]
     ppd: f64,
-    /// Exit code 6 if a colour value differs by more; white is 1. No threshold is met by a picture with infinities or
-    /// NaN
-    #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e6))]
+    /// Largest difference of a colour value, like 0.02 or 4/255; white is 1
+    ///
+    /// No threshold is met by a picture with infinities or NaN.
+    #[arg(long, help_heading = LIMITS, value_name = "ERROR", value_parser = values::error(MOST_ERROR))]
     max_error: Option<f64>,
-    /// Exit code 6 if the PSNR of a pair is lower, in dB
-    #[arg(long, value_name = "DB", value_parser = within(-1000.0, 1000.0))]
+    /// Least PSNR of a pair, in dB
+    #[arg(long, help_heading = LIMITS, value_name = "DB", value_parser = number(-1000.0..=1000.0))]
     min_psnr: Option<f64>,
-    /// Exit code 6 if the SSIM of a pair is lower, from -1 to 1
-    #[arg(long, value_name = "SSIM", value_parser = within(-1.0, 1.0))]
+    /// Least SSIM of a pair, from -1 to 1
+    #[arg(long, help_heading = LIMITS, value_name = "SSIM", value_parser = number(-1.0..=1.0))]
     min_ssim: Option<f64>,
-    /// Exit code 6 if the mean FLIP of a pair is higher, from 0 to 1
-    #[arg(long, value_name = "FLIP", value_parser = within(0.0, 1.0))]
+    /// Largest mean FLIP of a pair, from 0 to 1
+    #[arg(long, help_heading = LIMITS, value_name = "FLIP", value_parser = number(0.0..=1.0))]
     max_flip: Option<f64>,
-    /// Exit code 6 if the alpha of a pixel differs by more, in pictures that both have alpha; full coverage is 1
-    #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e6))]
+    /// Largest difference of alpha, if both pictures have it
+    ///
+    /// Full coverage is 1.
+    #[arg(long, help_heading = LIMITS, value_name = "ERROR", value_parser = values::error(MOST_ERROR))]
     max_alpha_error: Option<f64>,
-    /// Exit code 6 if a depth or another number of a single channel of floats differs by more, in its own unit, or is
-    /// in only one of two pictures. Such pairs meet no threshold of colours
-    #[arg(long, value_name = "ERROR", value_parser = within(0.0, 1e30))]
+    /// Largest difference of depths or other numbers, in their own unit
+    ///
+    /// For pictures of a single channel of floats, which meet no threshold of colours. A pixel with a number in only one
+    /// of two pictures exceeds it.
+    #[arg(long, help_heading = LIMITS, value_name = "ERROR", value_parser = number(0.0..=1e30))]
     max_depth_error: Option<f64>,
-    /// Exit code 6 if more than this fraction of the pixels of such a pair, from 0 to 1, differs by over 1 % of the
-    /// number or has a number in only one of two pictures
-    #[arg(long, value_name = "FRACTION", value_parser = within(0.0, 1.0))]
+    /// Largest fraction of depths that differ by over 1 %
+    ///
+    /// From 0 to 1, for pictures of a single channel of floats. A pixel with a number in only one of two pictures counts.
+    #[arg(long, help_heading = LIMITS, value_name = "FRACTION", value_parser = number(0.0..=1.0))]
     max_depth_outliers: Option<f64>,
+    /// Write the FLIP map as PNG: black where equal; a folder for folders
+    ///
+    /// Of depths, the relative error, brightest from 10 % on.
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|DIR")]
+    heatmap: Option<PathBuf>,
+    /// Write the report as JSON; - prints it instead of the table
+    ///
+    /// Schema: docs/schemas/compare.schema.json.
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|-")]
+    json: Option<Sink>,
 }
 
-/// Parses a number from `low` to `high`.
-fn within(low: f64, high: f64) -> impl Fn(&str) -> Result<f64> + Clone {
-    move |text| match text.parse() {
-        Ok(number) if (low..=high).contains(&number) => Ok(number),
-        _ => bail!("expected a number from {low} to {high}"),
-    }
-}
+const LIMITS: &str = "Limits (exit code 6 if a pair exceeds one)";
 
 /// Memory that a comparison needs at any size: rows of every thread, the encoder of a heatmap.
 const OTHER_BYTES: u64 = 32 << 20;

@@ -7,8 +7,10 @@ use anyhow::Result;
 use super::pages::{self, STORAGES};
 use super::target::is_same;
 use super::{Edits, Inputs, Target, WritingArgs, formats, say_written, write_scene};
+use crate::cli::headings::OUTPUT;
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
+use crate::cli::values::whole;
 use crate::cli::{Usage, one_of, progress};
 use crate::files::{Checkpoint, is_stdout};
 use crate::formats::{LOD_META, Streamed, WrittenLevels, write_streamed_sog};
@@ -18,33 +20,46 @@ use crate::pagefile::write::subtrees;
 use crate::pagefile::{PageFile, nodes_of, static_level};
 use crate::scene::{NoLevel, Scene, Watch};
 
-/// Build levels of detail of a scene: a page file that is drawn within an error or a number of Gaussians, or one level
-/// as a scene of any format
+/// Build levels of detail of a scene: a page file that is drawn within a splat budget or an error, or one level
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(
+    after_help = "\
+Examples:
+  smalto lod garden.ply -o garden.smalto --storage balanced
+  smalto lod garden.smalto --splats 500K -o small.ply
+  smalto lod garden.ply -o levels/lod-meta.json",
+    after_long_help = "\
 Without --level and --splats the file holds all Gaussians of the scene, and nodes that stand for several of them, each
 with the error that this makes, measured on small pictures from six directions. It is drawn as the scene is, unless
 --lod-error, --lod-psnr or --splats ask for less. With one of them the file is a scene with fewer Gaussians, the same
-for all views. A lod-meta.json is a streamed SOG with all levels, for the viewers of PlayCanvas (docs/levels.md).")]
+for all views. A lod-meta.json is a streamed SOG with all levels, for the viewers of PlayCanvas (docs/levels.md)."
+)]
 pub(in crate::cli) struct Args {
     /// Scene file, folder, procedural scene or - as for `smalto render`
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
-    /// The file to write: .smalto, or lod-meta.json (a streamed SOG in its folder); with --level or --splats of any
-    /// format that `smalto convert` writes
-    #[arg(short, long, value_name = "FILE")]
+    /// The file to write: .smalto, or lod-meta.json (a streamed SOG)
+    ///
+    /// A streamed SOG takes the folder of the file. With --level or --splats, the file has any format that `smalto
+    /// convert` writes.
+    #[arg(short, long, help_heading = OUTPUT, value_name = "FILE")]
     output: PathBuf,
     /// Write a scene with half as many Gaussians, N times over
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=32))]
+    #[arg(long, help_heading = OUTPUT, value_name = "N", value_parser = whole::<u32>(0..=32))]
     level: Option<u32>,
-    /// Write a scene with at most this many Gaussians
-    #[arg(long, value_name = "COUNT", conflicts_with = "level", value_parser = clap::value_parser!(u32).range(1..))]
+    /// Write a scene with at most this many Gaussians, like 500K
+    #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "level")]
+    #[arg(value_parser = whole::<u32>(1..=u64::from(u32::MAX)))]
     splats: Option<u32>,
     /// Format of the level [default: by the name of the file]
-    #[arg(long, value_name = "FORMAT", value_parser = one_of(formats()))]
+    #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
+    #[arg(hide_possible_values = true)]
     format: Option<Target>,
-    /// Number formats of a .smalto file [default: lossless]
-    #[arg(long, value_name = "NAME", value_parser = one_of(storages()))]
+    /// Number formats of a .smalto file: lossless, balanced, fast or preview
+    ///
+    /// As for `smalto convert`, lossless by default.
+    #[arg(long, help_heading = OUTPUT, value_name = "NAME", value_parser = one_of(storages()))]
+    #[arg(hide_possible_values = true)]
     storage: Option<Options>,
     #[command(flatten)]
     writing: WritingArgs,
@@ -59,7 +74,8 @@ fn storages() -> [(&'static str, &'static str, Options); 4] {
 }
 
 pub(in crate::cli) fn run(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, writing: WritingArgs { memory, json }, reading, level, splats, format } = args;
+    let Args { scene, output, storage, writing: WritingArgs { host_memory, json }, reading, level, splats, format } =
+        args;
     if level.is_some() || splats.is_some() {
         return one_level(args);
     }
@@ -77,13 +93,13 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
     let files = [scene.clone()];
     Target::Pages.check(output, files.iter().map(PathBuf::as_path), false, json.as_ref())?;
     let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
-    let (written, removed) = pages::convert(inputs, output, pages::settings(*storage, *memory, true))?;
+    let (written, removed) = pages::convert(inputs, output, pages::settings(*storage, *host_memory, true))?;
     say_written(written, removed, json.as_ref())
 }
 
 /// Writes one level of a scene.
 fn one_level(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, writing: WritingArgs { memory, json }, reading, .. } = args;
+    let Args { scene, output, storage, writing: WritingArgs { host_memory, json }, reading, .. } = args;
     if output.file_name().is_some_and(|name| name == LOD_META) {
         return Err(Usage(format!("{LOD_META} holds all levels: leave out --level and --splats")).into());
     }
@@ -95,7 +111,9 @@ fn one_level(args: &Args) -> Result<()> {
     let input = SceneArg { scene: scene.clone(), reading: *reading };
     let scene = with_levels(args, |file| level_of(args, file))?;
     let written = match target {
-        Target::Pages => pages::write_pages(output, input.title(), &scene, pages::settings(*storage, *memory, false))?,
+        Target::Pages => {
+            pages::write_pages(output, input.title(), &scene, pages::settings(*storage, *host_memory, false))?
+        }
         Target::Scene(kind) => write_scene(output, kind, scene.gaussians, scene.is_antialiased)?,
     };
     say_written(written, 0, json.as_ref())
@@ -137,7 +155,7 @@ const MOST_PARTS: usize = 4096;
 
 /// Gives the scene's page file with levels. Levels that it has not are made beside the output, and removed then.
 fn with_levels<T>(args: &Args, give: impl FnOnce(&PageFile) -> Result<T>) -> Result<T> {
-    let Args { scene, output, writing: WritingArgs { memory, .. }, reading, .. } = args;
+    let Args { scene, output, writing: WritingArgs { host_memory, .. }, reading, .. } = args;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
     if let Some(file) = input.page_file()?.filter(|file| file.levels().is_some()) {
         return give(&file);
@@ -152,7 +170,7 @@ fn with_levels<T>(args: &Args, give: impl FnOnce(&PageFile) -> Result<T>) -> Res
     let checkpoint = Checkpoint::beside(&folder.join(format!("{name}.levels")), NO_STATE)?;
     let (path, files) = (checkpoint.path("levels.smalto"), [scene.clone()]);
     let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
-    pages::convert(inputs, &path, pages::settings(None, *memory, true))?;
+    pages::convert(inputs, &path, pages::settings(None, *host_memory, true))?;
     give(&PageFile::open(&path)?)
 }
 

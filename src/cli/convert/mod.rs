@@ -16,10 +16,12 @@ use glam::{DQuat, DVec3, EulerRot};
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use crate::cli::headings::{OUTPUT, SCENE};
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
 use crate::cli::table::{say_table, table};
-use crate::cli::{Usage, numbers, one_of, say};
+use crate::cli::values::whole;
+use crate::cli::{Usage, numbers, one_of, say, values};
 use crate::formats::{Loss, written_labels};
 use crate::measure::prune::Written;
 use crate::options::Options;
@@ -33,32 +35,47 @@ pub(super) use target::{Target, formats, write_scene};
 #[command(
     override_usage = "smalto convert [OPTIONS] <IN>... <OUT>",
     after_help = "\
+Examples:
+  smalto convert garden.ply garden.spz
+  smalto convert garden.ply table.ply --crop sphere=0,1,2.5,3 --min-opacity 0.02
+  smalto convert robot.spz ground.ply both.ply --transform scale=2 --transform translate=1,0,0
+  smalto convert garden.ply garden.smalto --host-memory 8GB
+  smalto convert zup.ply upright.ply --up z
+
 Order of the steps: --flip and --up for each input, join, --transform, --crop, --min-opacity, --sh-degree.
 The file is read back and compared before it replaces an existing one, but for a .smalto file, whose pages have
 checksums."
 )]
 pub(super) struct Args {
-    #[arg(required = true, value_name = "FILE", help = format!(
+    /// Scene files as for `smalto render`, then the file to write
+    #[arg(required = true, value_name = "FILE", long_help = format!(
         "Scene files as for `smalto render`, then the file to write: {}", written_labels()
     ))]
     files: Vec<PathBuf>,
-    /// Format of the file to write [default: by its name]. Needed for standard output (-) and for names without an
-    /// ending, like /dev/stdout
-    #[arg(long, value_name = "FORMAT", value_parser = one_of(formats()))]
+    /// Format of the file to write [default: by its name]
+    ///
+    /// Needed for standard output (-) and for names without an ending, like /dev/stdout.
+    #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
+    #[arg(hide_possible_values = true)]
     format: Option<Target>,
+    /// Version of the .spz file [default: 4]
+    #[arg(long, help_heading = OUTPUT, value_name = "3|4", value_parser = whole::<u32>(3..=4))]
+    spz_version: Option<u32>,
+    /// Number formats of a .smalto file: lossless, balanced, fast, preview, u8
+    ///
+    /// lossless (the default) holds 32-bit floats: everything that the source holds; balanced 16-bit floats, as the
+    /// preset stores a scene on the GPU; fast and preview the same, with the alpha threshold of the preset; u8 8 bits
+    /// for spherical harmonics, scales and opacities.
+    #[arg(long, help_heading = OUTPUT, value_name = "NAME", value_parser = one_of(pages::STORAGES))]
+    #[arg(hide_possible_values = true)]
+    storage: Option<Options>,
     /// Refuse to replace an existing file
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     no_clobber: bool,
     #[command(flatten)]
-    edits: Edits,
-    /// Version of the .spz file [default: 4]
-    #[arg(long, value_name = "3|4", value_parser = clap::value_parser!(u32).range(3..=4))]
-    spz_version: Option<u32>,
-    /// Number formats of a .smalto file [default: lossless]
-    #[arg(long, value_name = "NAME", value_parser = one_of(pages::STORAGES))]
-    storage: Option<Options>,
-    #[command(flatten)]
     writing: WritingArgs,
+    #[command(flatten)]
+    edits: Edits,
     #[command(flatten)]
     reading: ReadingArgs,
 }
@@ -66,30 +83,34 @@ pub(super) struct Args {
 /// The options that `smalto convert` and `smalto lod` share.
 #[derive(clap::Args)]
 struct WritingArgs {
-    /// Megabytes of memory in which the Gaussians of a .smalto file are sorted [default: 2048]
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    memory: Option<u32>,
+    /// Host memory in which the Gaussians of a .smalto file are sorted [default: 2GiB]
+    #[arg(long, help_heading = OUTPUT, value_name = "SIZE", value_parser = values::memory)]
+    host_memory: Option<u64>,
     /// Write the report as JSON; - prints it instead of the table
-    #[arg(long, value_name = "FILE|-")]
+    #[arg(long, help_heading = OUTPUT, value_name = "FILE|-")]
     json: Option<Sink>,
 }
 
 /// Changes of a scene before it is written.
 #[derive(clap::Args, Default)]
+#[command(next_help_heading = SCENE)]
 struct Edits {
     /// Leave out spherical harmonics above this degree
-    #[arg(long, value_name = "DEGREE", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_SH_DEGREE)))]
+    #[arg(long, value_name = "DEGREE", value_parser = whole::<u32>(0..=u64::from(MAX_SH_DEGREE)))]
     sh_degree: Option<u32>,
-    /// translate=X,Y,Z, rotate=X,Y,Z (degrees about x, then y, then z) or scale=FACTOR. May be given several times; the
-    /// steps are applied in order
+    /// translate=X,Y,Z, rotate=X,Y,Z (degrees) or scale=FACTOR; several times
+    ///
+    /// Rotations are about x, then y, then z. The steps are applied in order.
     #[arg(long, value_name = "STEP", allow_hyphen_values = true, value_parser = parse_step)]
     transform: Vec<Transform>,
-    /// Keep the Gaussians whose means lie in box=X,Y,Z,X,Y,Z (two corners) or sphere=X,Y,Z,RADIUS
+    /// Keep the means in box=X,Y,Z,X,Y,Z or sphere=X,Y,Z,RADIUS
+    ///
+    /// The box is given by two corners.
     #[arg(long, value_name = "SHAPE", value_parser = parse_shape)]
     crop: Option<Shape>,
     /// Leave out Gaussians with a lower opacity, from 0 to 1
-    #[arg(long, value_name = "OPACITY")]
-    min_opacity: Option<f32>,
+    #[arg(long, value_name = "OPACITY", value_parser = values::number(0.0..=1.0))]
+    min_opacity: Option<f64>,
 }
 
 /// The scene files that are joined, and what changes them.
@@ -131,18 +152,19 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(Usage("expected the files to read, then the file to write".to_owned()).into());
     };
     let target = Target::of(output, args.format, args.spz_version)?;
-    for (option, is_given) in [("--storage", args.storage.is_some()), ("--memory", args.writing.memory.is_some())] {
+    for (option, is_given) in
+        [("--storage", args.storage.is_some()), ("--host-memory", args.writing.host_memory.is_some())]
+    {
         if is_given && target != Target::Pages {
             return Err(Usage(format!("{option} needs a .smalto file to write")).into());
         }
     }
-    if let Some(opacity) = args.edits.min_opacity.filter(|opacity| !(0.0..=1.0).contains(opacity)) {
-        return Err(Usage(format!("--min-opacity {opacity}: expected a number from 0 to 1")).into());
-    }
     target.check(output, files.iter().map(PathBuf::as_path), args.no_clobber, args.writing.json.as_ref())?;
     let inputs = Inputs { files, reading: args.reading, edits: &args.edits };
     let (written, removed) = match target {
-        Target::Pages => pages::convert(inputs, output, pages::settings(args.storage, args.writing.memory, false))?,
+        Target::Pages => {
+            pages::convert(inputs, output, pages::settings(args.storage, args.writing.host_memory, false))?
+        }
         Target::Scene(kind) => {
             let (gaussians, is_antialiased) = read(inputs)?;
             let before = gaussians.len();
@@ -194,7 +216,7 @@ impl Edits {
             gaussians = gaussians.transformed(&transform)?;
         }
         if self.crop.is_some() || self.min_opacity.is_some() {
-            let least = self.min_opacity.unwrap_or(0.0);
+            let least = self.min_opacity.unwrap_or(0.0) as f32;
             let is_kept = |i: &u32| {
                 let mean = gaussians.means()[*i as usize].map(f64::from);
                 gaussians.opacities()[*i as usize] >= least && self.crop.is_none_or(|shape| shape.contains(mean))

@@ -26,10 +26,10 @@ pub const STORAGES: [(&str, &str, Options); 5] = [
     ),
 ];
 
-/// What is written with these number formats within so many megabytes, with levels of detail if `has_levels`.
-pub fn settings(storage: Option<Options>, megabytes: Option<u32>, has_levels: bool) -> Settings {
+/// What is written with these number formats within `memory` bytes, with levels of detail if `has_levels`.
+pub fn settings(storage: Option<Options>, memory: Option<u64>, has_levels: bool) -> Settings {
     let usual = Settings::default();
-    let memory = megabytes.map_or(usual.memory, |megabytes| (megabytes as usize) << 20);
+    let memory = memory.map_or(usual.memory, |bytes| usize::try_from(bytes).unwrap_or(usize::MAX));
     Settings { options: storage.unwrap_or(usual.options), memory, has_levels }
 }
 

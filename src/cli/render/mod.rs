@@ -45,10 +45,11 @@ use crate::cli::budget::BudgetArgs;
 use crate::cli::cameras::{EyeArgs, FilmArgs, SplitArg};
 use crate::cli::devices::{DevicesArgs, names_of, say_memory};
 use crate::cli::drawable::read_places;
+use crate::cli::headings::{ACCURACY, CAMERAS, LEVELS, MANY, OUTPUT, REPORTS};
 use crate::cli::knobs::Knobs;
 use crate::cli::scenes::SceneArg;
 use crate::cli::sink::Sink;
-use crate::cli::{REPORTS_TO_STDOUT, Usage, knobs, one_of, parse_size, say};
+use crate::cli::{REPORTS_TO_STDOUT, Usage, knobs, one_of, say, values};
 use crate::files::is_stdout;
 use crate::measure::bench::VersionReport;
 use crate::options::Options;
@@ -64,117 +65,167 @@ pub(super) use verify::{Incomplete, Report as VerifyReport};
 
 /// Render a scene to PNG, EXR or .npy
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  smalto render garden.ply -o garden.png --size 1920x1080
+  smalto render garden.ply --camera all --split test --names image -o views/
+  smalto render garden.ply --orbit 90 --video turn.mp4
+  smalto render garden.ply --eye 1,-2,-3 --target 0,0,0 --background white
+  smalto render garden.smalto --splats 500K -o fast.png
+
+smalto render --help has every option in full; docs/commands.md has more examples.")]
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Picture file, or folder for several pictures (00000.png and so on) [default: the scene's name with .png, or
-    /// `renders`]. A .png has 8 bits per channel; .exr and .npy hold 32-bit floats, premultiplied by alpha. `-` is
-    /// standard output, in the --format
-    #[arg(short, long, value_name = "FILE|DIR")]
+    /// Picture file, or folder for several pictures [default: the scene's name]
+    ///
+    /// A .png has 8 bits per channel; .exr and .npy hold 32-bit floats, premultiplied by alpha. Pictures in a folder are
+    /// 00000.png and so on, by default in `renders`. `-` is standard output, in the --format.
+    #[arg(short, long, help_heading = OUTPUT, value_name = "FILE|DIR")]
     output: Option<PathBuf>,
-    /// Kind of the files [default: by the name of the file; png in a folder]. Needed for names without an ending, like
-    /// /dev/stdout
-    #[arg(long, value_name = "KIND", value_parser = one_of(FILE_KINDS))]
+    /// png, png16, exr or npy [default: by the name of the file; png in a folder]
+    ///
+    /// png has 8 bits per channel, png16 has 16; exr and npy hold 32-bit floats, premultiplied by alpha. Needed for
+    /// names without an ending, like /dev/stdout.
+    #[arg(long, help_heading = OUTPUT, value_name = "KIND", hide_possible_values = true)]
+    #[arg(value_parser = one_of(FILE_KINDS))]
     format: Option<FileKind>,
-    /// Compression of PNG and EXR files. The values in them are the same
-    #[arg(long, value_name = "HOW", default_value = "fast", value_parser = one_of(COMPRESSIONS))]
-    compression: Compression,
-    /// Layers to write, separated by commas. A single layer goes to --output itself. Several layers get a folder each
-    /// (renders/colour/00000.png, renders/depth/00000.exr) or, if --output is a file, their name in the file name
-    /// (a.png, a.depth.exr). Depths are the view z of the means of splats, in world units. Depths and counts have one
-    /// float channel, and are .exr if pictures are PNG. They include only the splats that the preset blends
-    #[arg(long, value_name = "LAYERS", value_delimiter = ',', default_value = "colour")]
-    layers: Vec<Layer>,
-    /// Names of pictures in a folder [default: index]. Folders in image names are created below --output
-    #[arg(long, value_name = "BY")]
-    names: Option<Names>,
     /// Picture size in pixels [default: the camera's, or 1280x720]
-    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    #[arg(long, help_heading = OUTPUT, value_name = "WxH", value_parser = values::size)]
     size: Option<[u32; 2]>,
-    /// Camera file: cameras.json of the original 3DGS, transforms.json of nerfstudio, instant-ngp or Blender's data
-    /// sets, or a sparse model of COLMAP (its folder, the folder above it, images.bin or images.txt) [default: found
-    /// next to the scene or in a folder above it]
-    #[arg(long, value_name = "FILE|DIR")]
-    cameras: Option<PathBuf>,
-    /// Draw the scene at every place of a list (docs/side-files.md): JSON like {"places": [{"position": [0, 0, 5],
-    /// "rotation": [1, 0, 0, 0], "scale": 2}]}. All places share the memory of one. Needs the fast path
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["max_error", "min_psnr"])]
-    place: Option<PathBuf>,
-    #[command(flatten)]
-    split: SplitArg,
-    /// Cameras of the file: a position from 0 on, or from -1 for the last backwards; an image name, with or without its
-    /// ending; a range like 0..10 (both ends included), 3.. or ..5; a list of these like 0,5,-1; or `all` [default: the
-    /// first]
-    #[arg(long, value_name = "N|NAME|LIST|all", allow_hyphen_values = true, conflicts_with = "eye")]
-    camera: Option<String>,
-    #[command(flatten)]
-    eye: EyeArgs,
-    #[command(flatten)]
-    film: FilmArgs,
-    /// Make a video of the pictures with the ffmpeg that is installed: an .mp4, .mkv, .mov or .webm. Without its name,
-    /// or without ffmpeg: number the pictures from 0 without gaps, and print the ffmpeg command that makes it
-    #[arg(long, value_name = "VIDEO", num_args = 0..=1, conflicts_with = "names", value_parser = video::parse_file)]
-    video: Option<Option<PathBuf>>,
-    /// Continue an interrupted run of the same command into a folder: complete files are skipped. After a complete run,
-    /// nothing is left to do
-    #[arg(long, conflicts_with_all = ["certificate", "dump"])]
-    resume: bool,
-    /// Draw only the part K of N of the cameras, with K from 1 to N: one run on each of N machines draws all of them,
-    /// into one folder or several (docs/cluster.md). The files have the names that they have in one run. Each shard has
-    /// a record of its own, so that --resume continues it by itself
-    #[arg(long, value_name = "K/N", conflicts_with_all = ["dump", "max_error", "min_psnr"])]
-    shard: Option<Shard>,
-    /// Draw nothing, and say which files of this command, of all shards and layers, are missing, truncated, damaged or
-    /// of other settings. Exit code 6 if there are any. It needs no device
-    #[arg(long, conflicts_with_all = ["resume", "no_clobber", "certificate", "dump", "timings", "device"])]
-    #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
-    verify: bool,
-    /// Draw every picture by levels of detail a second time, by all Gaussians, and report the PSNR between the two.
-    /// Each view is waited for
-    #[arg(long, conflicts_with_all = ["reference", "certificate", "dump", "verify", "max_error", "min_psnr"])]
-    measure_levels: bool,
-    /// Refuse to replace existing files. With --resume, this does not concern what the run itself completed
-    #[arg(long)]
-    no_clobber: bool,
-    /// Background: three numbers from 0 to 1, #rrggbb, black, grey, white, or `transparent`
-    #[arg(long, value_name = "R,G,B|#RRGGBB|NAME", default_value = "0,0,0", value_parser = parse_background)]
+    /// R,G,B from 0 to 1, #rrggbb, black, grey, white or transparent
+    #[arg(long, help_heading = OUTPUT, value_name = "COLOUR", default_value = "0,0,0", value_parser = parse_background)]
     #[arg(allow_hyphen_values = true)]
     background: Background,
+    /// colour, alpha, depth, median-depth, counts: some, with commas
+    ///
+    /// A single layer is written to --output itself. Several layers have a folder each (renders/colour/00000.png,
+    /// renders/depth/00000.exr) or, if --output is a file, their name in the file name (a.png, a.depth.exr). Depths are
+    /// the view z of the means of splats, in world units. Depths and counts have one float channel, and are .exr if
+    /// pictures are PNG. They include only the splats that the preset blends.
+    #[arg(long, help_heading = OUTPUT, value_name = "LAYERS", value_delimiter = ',', default_value = "colour")]
+    #[arg(hide_possible_values = true)]
+    layers: Vec<Layer>,
+    /// Compression of PNG and EXR: fast or small
+    ///
+    /// small makes PNG some 10 % smaller in 25 times the time, and EXR some 25 % smaller in 15 times. With fast, EXR is
+    /// not compressed. The values in the files are the same.
+    #[arg(long, help_heading = OUTPUT, value_name = "HOW", default_value = "fast", hide_possible_values = true)]
+    #[arg(value_parser = one_of(COMPRESSIONS))]
+    compression: Compression,
+    /// Refuse to replace existing files
+    ///
+    /// With --resume, this does not concern what the run itself completed.
+    #[arg(long, help_heading = OUTPUT)]
+    no_clobber: bool,
+    /// Camera file [default: found next to the scene or in a folder above it]
+    ///
+    /// cameras.json of the original 3DGS, transforms.json of nerfstudio, instant-ngp or Blender's data sets,
+    /// camera_path.json of nerfstudio, or a sparse model of COLMAP (its folder, the folder above it, images.bin or
+    /// images.txt).
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR")]
+    cameras: Option<PathBuf>,
+    /// Positions or image names: 7, -1, DSC0795, 0..10, 0,5,9 or all [default: 0]
+    ///
+    /// A position is a number from 0 on, or from -1 for the last backwards. An image name is written with or without its
+    /// ending. A range like 0..10 has both ends; 3.. and ..5 are ranges, too.
+    #[arg(long, help_heading = CAMERAS, value_name = "CAMERAS", allow_hyphen_values = true, conflicts_with = "eye")]
+    camera: Option<String>,
     #[command(flatten)]
-    device: DevicesArgs,
-    /// Accuracy for speed: exact, balanced, fast or preview. The rules of another renderer, exactly: inria, gsplat or
-    /// khr. As balanced, by the stages that run on every device, like --portable: portable [default: balanced]
-    #[arg(long, value_name = "NAME", value_parser = knobs::preset_names())]
+    split: SplitArg,
+    #[command(flatten)]
+    eye: EyeArgs,
+    /// Draw the scene at every place of a list (docs/side-files.md)
+    ///
+    /// The list is JSON like {"places": [{"position": [0, 0, 5], "rotation": [1, 0, 0, 0], "scale": 2}]}. All places
+    /// share the memory of one. Only the fast path draws them.
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE", conflicts_with_all = ["max_error", "min_psnr"])]
+    place: Option<PathBuf>,
+    #[command(flatten)]
+    film: FilmArgs,
+    /// Make a video: .mp4, .mkv, .mov or .webm; without a name, say how
+    ///
+    /// The installed ffmpeg makes it. Without a name, or without ffmpeg, the pictures are numbered from 0 without gaps,
+    /// and the ffmpeg command that makes the video is printed.
+    #[arg(long, help_heading = MANY, value_name = "VIDEO", num_args = 0..=1, conflicts_with = "names")]
+    #[arg(value_parser = video::parse_file)]
+    video: Option<Option<PathBuf>>,
+    /// Names of pictures in a folder: index or image [default: index]
+    ///
+    /// Folders in image names are created below --output.
+    #[arg(long, help_heading = MANY, value_name = "BY", hide_possible_values = true)]
+    names: Option<Names>,
+    /// Continue an interrupted run of the same command into a folder
+    ///
+    /// Complete files are skipped. After a complete run, nothing is left to do.
+    #[arg(long, help_heading = MANY, conflicts_with_all = ["certificate", "dump"])]
+    resume: bool,
+    /// Draw the part K of N of the cameras (docs/cluster.md)
+    ///
+    /// K is from 1 to N. One run on each of N machines draws all cameras, into one folder or several. The files have the
+    /// names that they have in one run. Each shard has its own record, so that --resume continues it by itself.
+    #[arg(long, help_heading = MANY, value_name = "K/N", conflicts_with_all = ["dump", "max_error", "min_psnr"])]
+    shard: Option<Shard>,
+    /// Draw nothing, and list missing and wrong files. Exit code 6 if there are any
+    ///
+    /// A file of this command, of any shard and layer, may be missing, truncated, damaged or of other settings. No
+    /// device is needed.
+    #[arg(long, help_heading = MANY)]
+    #[arg(conflicts_with_all = ["resume", "no_clobber", "certificate", "dump", "timings", "device"])]
     #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
+    verify: bool,
+    /// exact, balanced, fast, preview; inria, gsplat, khr; portable [default: balanced]
+    ///
+    /// The first four are accuracy for speed. inria, gsplat and khr draw exactly by the rules of another renderer.
+    /// portable is balanced by the stages that run on every device.
+    #[arg(long, help_heading = ACCURACY, value_name = "NAME", hide_possible_values = true)]
+    #[arg(value_parser = knobs::preset_names(), conflicts_with_all = ["max_error", "min_psnr"])]
     preset: Option<String>,
-    /// Use only what works on every device: the portable path
-    #[arg(long, conflicts_with = "place")]
-    portable: bool,
-    /// Render on the CPU in float64: the reference with which the GPU is compared. Slow. It draws by the rules of the
-    /// picture and takes --sh-degree; what else trades accuracy for speed cannot be combined with it
-    #[arg(long, conflicts_with_all = ["device", "portable", "timings", "dump", "max_error", "min_psnr"])]
-    #[arg(conflicts_with = "place")]
-    reference: bool,
-    /// Print the GPU time of every stage of the frame, the phases from the command to the first picture and, with
-    /// several pictures, how busy the GPU and the threads were
-    #[arg(long)]
-    timings: bool,
-    /// Write a report as JSON (docs/schemas/render.schema.json): files, cameras, counts, times; - prints it instead of
-    /// the text. With --verify, the files that are wrong (docs/schemas/verify.schema.json)
-    #[arg(long, value_name = "FILE|-")]
-    json: Option<Sink>,
-    /// Also write the certificate: for every pixel, an upper bound on the difference of its channels to the picture
-    /// without thresholds, cuts and stops, of the scene as stored on the GPU and in the same order. An .exr or .npy
-    /// file, or a folder for several pictures
-    #[arg(long, value_name = "FILE|DIR", conflicts_with_all = ["reference", "place"])]
-    certificate: Option<PathBuf>,
-    /// Write the buffers that each stage of a single picture changed to this folder, as .npy
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["video", "path"])]
-    dump: Option<PathBuf>,
-    #[command(flatten)]
-    knobs: Knobs,
     #[command(flatten)]
     budget: BudgetArgs,
+    /// Render on the CPU in float64, slowly: what the GPU is compared with
+    ///
+    /// The reference draws by the rules of the picture and takes --sh-degree. All other options that trade accuracy for
+    /// speed are refused with it.
+    #[arg(long, help_heading = ACCURACY, conflicts_with = "place")]
+    #[arg(conflicts_with_all = ["device", "portable", "timings", "dump", "max_error", "min_psnr"])]
+    reference: bool,
+    /// Use the portable path, with any preset
+    ///
+    /// It runs on every device. `--preset portable` is `--preset balanced --portable`.
+    #[arg(long, help_heading = ACCURACY, hide_short_help = true, conflicts_with = "place")]
+    portable: bool,
+    #[command(flatten)]
+    knobs: Knobs,
+    /// Draw every picture with all Gaussians, too, and report the PSNR
+    ///
+    /// The PSNR is that of the picture by levels of detail against the one of all Gaussians. Each view is waited for.
+    #[arg(long, help_heading = LEVELS, hide_short_help = true)]
+    #[arg(conflicts_with_all = ["reference", "certificate", "dump", "verify", "max_error", "min_psnr"])]
+    measure_levels: bool,
+    #[command(flatten)]
+    device: DevicesArgs,
+    /// Print GPU times of stages, the phases of the start, and the load of threads
+    #[arg(long, help_heading = REPORTS)]
+    timings: bool,
+    /// Write a report as JSON; - prints it instead of the text
+    ///
+    /// It has files, cameras, counts and times (docs/schemas/render.schema.json); with --verify, the files that are
+    /// wrong (docs/schemas/verify.schema.json).
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|-")]
+    json: Option<Sink>,
+    /// Also write a bound on the error of every pixel
+    ///
+    /// The certificate bounds the difference of each channel from a picture that leaves nothing out: no threshold, cut
+    /// or stop. Storage on the GPU and the order of splats are taken as they are. An .exr or .npy file, or a folder for
+    /// several pictures.
+    #[arg(long, help_heading = REPORTS, hide_short_help = true, value_name = "FILE|DIR")]
+    #[arg(conflicts_with_all = ["reference", "place"])]
+    certificate: Option<PathBuf>,
+    /// Write the buffers that each stage of a single picture changed to this folder, as .npy
+    #[arg(long, help_heading = REPORTS, hide_short_help = true, value_name = "DIR")]
+    #[arg(conflicts_with_all = ["video", "path"])]
+    dump: Option<PathBuf>,
     #[arg(skip)]
     start: Start,
 }

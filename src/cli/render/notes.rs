@@ -75,9 +75,9 @@ impl Notes {
         };
         let count = |step: usize| {
             let means = gaussians.means().iter().step_by(step).map(|mean| DVec3::from(mean.map(f64::from)));
-            means.filter(|mean| camera.sees(*mean)).fold([0, 0], |[cut, all], mean| {
-                [cut + usize::from(camera.view(mean).z < self.near), all + 1]
-            })
+            means
+                .filter(|mean| camera.sees(*mean))
+                .fold([0, 0], |[cut, all], mean| [cut + usize::from(camera.view(mean).z < self.near), all + 1])
         };
         let [cut, all] = count(gaussians.len().div_ceil(EXAMINED).max(1));
         if cut == 0 || (cut as f64) < LARGE * all as f64 {

@@ -13,6 +13,8 @@ use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Up;
+use crate::cli::headings::SCENE;
+use crate::cli::values::whole;
 use crate::cli::{Usage, progress, remark};
 use crate::formats::Reading;
 use crate::gpu::Device;
@@ -25,12 +27,16 @@ use crate::{formats, pagefile};
 /// The scene that a command draws, describes or measures.
 #[derive(Args)]
 pub(crate) struct SceneArg {
-    #[arg(default_value = "cactus", help = format!(
-        "Scene file ({}), folder of a SOG, model folder of the original 3DGS, - for a file on standard input, or \
-         procedural scene: {}, optionally with :COUNT Gaussians",
-        formats::read_labels(),
-        formats::listed(Procedural::names().map(str::to_owned))
-    ))]
+    #[arg(
+        default_value = "cactus",
+        help = "Scene file or folder, - for standard input, or procedural scene",
+        long_help = format!(
+            "Scene file ({}), folder of a SOG, model folder of the original 3DGS, - for a file on standard input, or \
+             procedural scene: {}, optionally with a number of Gaussians, like cactus:20K",
+            formats::read_labels(),
+            formats::listed(Procedural::names().map(str::to_owned))
+        )
+    )]
     pub scene: PathBuf,
     #[command(flatten)]
     pub reading: ReadingArgs,
@@ -47,7 +53,7 @@ pub(crate) struct SceneFile {
 
 impl SceneArg {
     /// The current file of the scene. `None` if the scene is procedural, comes from a pipe, lies in several files, or
-    /// is read with --up, --flip or --lod.
+    /// is read with --up, --flip or --sog-level.
     pub fn file(&self) -> Option<SceneFile> {
         let path = self.path()?;
         let names_others = path.extension().is_some_and(|end| end == "json" || end == "gltf");
@@ -166,7 +172,7 @@ impl SceneArg {
 /// A level of detail that the scene lacks is an error of usage.
 fn no_level(error: anyhow::Error) -> anyhow::Error {
     match error.downcast::<NoLevel>() {
-        Ok(none) => Usage(format!("--lod: {none}")).into(),
+        Ok(none) => Usage(format!("--sog-level: {none}")).into(),
         Err(error) => error,
     }
 }
@@ -182,19 +188,21 @@ fn folder_name(folder: &Path) -> Option<String> {
     names.next()
 }
 
-const HEADING: &str = "Scene";
-
 /// Properties that scene files do not record, or record wrongly.
 #[derive(Args, Clone, Copy, Default)]
 pub(crate) struct ReadingArgs {
-    /// The axis of the scene that points up: x, y, z, -x, -y or -z. The scene is turned, cameras are not [default: -y]
-    #[arg(long, help_heading = HEADING, value_name = "AXIS", allow_hyphen_values = true, value_parser = parse_up)]
+    /// The axis of the scene that points up: x, y, z, -x, -y or -z [default: -y]
+    ///
+    /// The scene is turned, cameras are not.
+    #[arg(long, help_heading = SCENE, value_name = "AXIS", allow_hyphen_values = true, value_parser = parse_up)]
     up: Option<Up>,
-    /// Axes of the scene to reverse, like y or yz, if they point the other way than the format says
-    #[arg(long, help_heading = HEADING, value_name = "AXES", value_parser = parse_axes)]
+    /// Axes of the scene to reverse, like y or yz
+    ///
+    /// For files whose axes point the other way than the format says.
+    #[arg(long, help_heading = SCENE, value_name = "AXES", value_parser = parse_axes)]
     flip: Option<Axes>,
-    /// Level of detail of a lod-meta.json; 0 is the finest [default: the finest in the file]
-    #[arg(long, help_heading = HEADING, value_name = "LEVEL")]
+    /// Level of a streamed SOG (lod-meta.json), 0 is the finest [default: 0]
+    #[arg(long = "sog-level", help_heading = SCENE, value_name = "LEVEL", value_parser = whole::<u32>(0..=1000))]
     lod: Option<u32>,
 }
 
@@ -212,7 +220,7 @@ impl ReadingArgs {
     }
 }
 
-/// The reading of a file with these values of --up, --flip and --lod.
+/// The reading of a file with these values of --up, --flip and --sog-level.
 ///
 /// # Errors
 /// If a value is none that the option takes.

@@ -11,15 +11,17 @@ use anyhow::{Result, ensure};
 use clap::ValueEnum;
 
 use crate::camera::{Camera, path};
-use crate::cli::bench::{CameraPath, Cameras, PATHS};
+use crate::cli::bench::{CameraPath, Cameras};
 use crate::cli::budget::BudgetArgs;
 use crate::cli::cameras::{SplitArg, named_or_found};
 use crate::cli::devices::DeviceArgs;
 use crate::cli::drawable::Drawable;
+use crate::cli::headings::{CAMERAS, MEASURING, REPORTS};
 use crate::cli::knobs::Knobs;
 use crate::cli::scenes::SceneArg;
 use crate::cli::sink::Sink;
-use crate::cli::{Usage, check_plots, complain, parse_size, progress, say, size_text};
+use crate::cli::values::whole;
+use crate::cli::{Usage, check_plots, complain, progress, say, size_text, values};
 use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::measure::bench::{DeviceReport, Protocol, SceneReport, VersionReport, copy_gb_s};
@@ -35,57 +37,70 @@ use tables::{print_budget, print_certificate, print_levels, print_points, print_
 
 /// Measure the cost of accuracy: time, memory and error of every knob alone and of combinations that a search finds
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  smalto trade plush.spz --cameras cameras.json --json trade.json --plot trade.svg
+  smalto trade plush.spz --parts promises,certificate
+  smalto trade plush.spz --max-error 4/255 --held-out 100
+  smalto trade city.smalto --parts levels --path street")]
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Camera file or folder, as `smalto render` takes it [default: the one found in the scene's folder or above it,
-    /// else one orbit with zoom]
-    #[arg(long, value_name = "FILE|DIR", conflicts_with = "path")]
+    /// Camera file or folder [default: found beside the scene or above it, else an orbit]
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
     /// Camera path instead of a camera file, as in `smalto bench`
-    #[arg(long, value_name = PATHS)]
+    #[arg(long, help_heading = CAMERAS, value_name = "PATH")]
     path: Option<CameraPath>,
-    /// Parts to measure: knobs (the presets and every knob alone), search (combinations of knobs), promises (checks the
-    /// accuracy that the presets promise, over all cameras), certificate (certificates compared with the true errors),
-    /// levels (the presets with all Gaussians and with fewer nodes of a file that `smalto lod` made, against the exact
-    /// pictures and against pictures with 16 samples a pixel). With levels alone, the scene is not read as a whole
-    /// [default: knobs,search, and levels if the file has them]
-    #[arg(long, value_name = "PART,...", value_delimiter = ',')]
+    /// knobs, search, promises, certificate, levels: what to measure
+    ///
+    /// knobs (the presets and every knob alone), search (combinations of knobs), promises (checks the accuracy that the
+    /// presets promise, over all cameras), certificate (certificates compared with the true errors), levels (the presets
+    /// with all Gaussians and with fewer nodes of a file that `smalto lod` made, against the exact pictures and against
+    /// pictures with 16 samples a pixel). With levels alone, the scene is not read as a whole. By default knobs and
+    /// search, and levels if the file has them.
+    #[arg(long, help_heading = MEASURING, value_name = "PART,...", value_delimiter = ',', hide_possible_values = true)]
     parts: Option<Vec<Part>>,
-    /// Picture size at which time and the error against the exact picture are measured
-    #[arg(long, value_name = "WxH", default_value = "1920x1080", value_parser = parse_size)]
+    /// Picture size for the time and the error to the exact picture
+    #[arg(long, help_heading = MEASURING, value_name = "WxH", default_value = "1920x1080", value_parser = values::size)]
     size: [u32; 2],
     /// Picture size at which the float64 reference is drawn, on the CPU
-    #[arg(long, value_name = "WxH", default_value = "480x270", value_parser = parse_size)]
+    #[arg(long, help_heading = MEASURING, value_name = "WxH", default_value = "480x270", value_parser = values::size)]
     oracle_size: [u32; 2],
     /// Number of views to measure over, spread over the cameras
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    #[arg(long, help_heading = MEASURING, value_name = "N", default_value_t = 8, value_parser = whole::<u16>(1..=1000))]
     views: u16,
-    /// Least number of warm-up frames of every point; 0: no warm-up. The warm-up goes on until the frame time is
-    /// steady, as in `smalto bench`
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(0..=10_000))]
+    /// Least number of warm-up frames of every point; 0: no warm-up
+    ///
+    /// The warm-up goes on until the frame time is steady, as in `smalto bench`.
+    #[arg(long, help_heading = MEASURING, value_name = "N", default_value_t = 8)]
+    #[arg(value_parser = whole::<u16>(0..=10_000))]
     warmup: u16,
-    /// Number of measured frames of every point [default: 64, or fewer so that they take at most about 1 s; then
-    /// the warm-up is short and fewer views are measured, too]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    /// Measured frames of every point [default: 64, or as many as 1 s allows]
+    ///
+    /// Where 1 s allows fewer than 64, the warm-up is short and fewer views are measured, too.
+    #[arg(long, help_heading = MEASURING, value_name = "N", value_parser = whole::<u16>(1..=10_000))]
     frames: Option<u16>,
-    #[command(flatten)]
-    device: DeviceArgs,
-    /// Write the report as JSON (docs/schemas/trade.schema.json); - prints it instead of the tables
-    #[arg(long, value_name = "FILE|-")]
-    json: Option<Sink>,
-    /// Plot error over time as SVG
-    #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
-    #[command(flatten)]
-    budget: BudgetArgs,
-    /// Number of views between the cameras on which the choice for --max-error or --min-psnr is checked
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    /// Views between the cameras on which the choice for a budget is checked
+    #[arg(long, help_heading = MEASURING, value_name = "N", default_value_t = 100)]
+    #[arg(value_parser = whole::<u16>(1..=1000))]
     held_out: u16,
     #[command(flatten)]
+    budget: BudgetArgs,
+    #[command(flatten)]
     knobs: Knobs,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Write the report as JSON; - prints it instead of the tables
+    ///
+    /// Schema: docs/schemas/trade.schema.json.
+    #[arg(long, help_heading = REPORTS, value_name = "FILE|-")]
+    json: Option<Sink>,
+    /// Plot error over time as SVG
+    #[arg(long, help_heading = REPORTS, value_name = "FILE")]
+    plot: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -196,7 +196,9 @@ impl GpuScene {
         if free < needed {
             let limit = device.memory().user_limit.map_or_else(String::new, |limit| format!(", the limit is {limit}"));
             let reason = format!("{free} bytes of device memory are left for them{limit}");
-            return Err(OutOfMemory { name: "pages, lists and pictures".to_owned(), bytes: Some(needed), reason }.into());
+            return Err(
+                OutOfMemory { name: "pages, lists and pictures".to_owned(), bytes: Some(needed), reason }.into()
+            );
         }
         let limits = &device.capabilities().limits;
         let longest = limits.storage_range.min(limits.allocation) / 16 / PAGE as u64;
