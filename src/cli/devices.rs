@@ -143,13 +143,12 @@ pub(super) fn say_memory(device: &Device) -> Result<()> {
     let MemoryUse { user_limit, limit, peak, driver_used, .. } = device.memory();
     let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
     let limit = match (user_limit, limit) {
-        (Some(limit), _) => format!("limit {}", megabytes(limit)),
-        (None, Some(limit)) => format!("limit {} (what is free, less a part for others)", megabytes(limit)),
-        (None, None) => "no limit".to_owned(),
+        (Some(limit), _) => format!("the limit is {}", megabytes(limit)),
+        (None, Some(limit)) => format!("the limit is {}, what is free less a part for others", megabytes(limit)),
+        (None, None) => "no limit is set".to_owned(),
     };
-    let used =
-        driver_used.map_or_else(String::new, |used| format!(", {} in use by the driver's count", megabytes(used)));
-    say!("device memory: {limit}, at most {} allocated{used}", megabytes(peak))
+    let used = driver_used.map_or_else(String::new, |used| format!("; the driver counts {} in use", megabytes(used)));
+    say!("device memory: up to {} was used; {limit}{used}", megabytes(peak))
 }
 
 /// The names of the devices, each once.

@@ -61,7 +61,7 @@ impl Loss {
         };
         let mut rows = vec![
             row("position", "world units", &|i| distance(before.means()[i], after.means()[i])),
-            row("scale", "of the larger", &|i| {
+            row("scale", "relative to the larger of both", &|i| {
                 let pairs = before.scales()[i].into_iter().zip(after.scales()[i]);
                 pairs.map(|(a, b)| relative(a, b)).fold(0.0, f64::max)
             }),

@@ -9,6 +9,8 @@ mod commands;
 mod completions;
 mod documents;
 mod films;
+mod found_cameras;
+mod help;
 mod knobs;
 #[cfg(unix)]
 mod outputs;

@@ -113,7 +113,7 @@ fn limits_hold_in_every_view() {
     for (limit, value, most, least) in [
         ("--max-error", "2/255", 2.0 / 255.0, 0.0),
         ("--max-error", "0.1", 0.1, 0.0),
-        ("--psnr", "60", 1.0, 60.0),
+        ("--min-psnr", "60", 1.0, 60.0),
         ("--min-psnr", "40", 1.0, 40.0),
     ] {
         let report = prune(&["cactus:3000", "--cameras", &file, limit, value, "-o", &out]);
@@ -146,7 +146,7 @@ fn the_same_command_writes_the_same_bytes() {
     let file = cameras(&folder, 4);
     let write = |name: &str, more: &[&str]| {
         let out = path(&folder, name);
-        let common = ["cactus:2000", "--cameras", &file, "--psnr", "45", "-o", &out];
+        let common = ["cactus:2000", "--cameras", &file, "--min-psnr", "45", "-o", &out];
         let report = prune(&[&common[..], more].concat());
         (fs::read(&out).unwrap(), report["gaussians"].clone(), report["output"]["format"].clone())
     };
@@ -163,10 +163,10 @@ fn the_same_command_writes_the_same_bytes() {
     let pages: Value = serde_json::from_str(&pages).unwrap();
     assert_eq!(pages["gaussians"], gaussians["kept"]);
     // Standard output takes the scene alone.
-    let piped =
-        run(&["prune", "cactus:2000", "--cameras", &file, "--psnr", "45", "-o", "-", "--format", "spz"], |command| {
-            _ = command.current_dir(folder.path())
-        });
+    let piped = run(
+        &["prune", "cactus:2000", "--cameras", &file, "--min-psnr", "45", "-o", "-", "--format", "spz"],
+        |command| _ = command.current_dir(folder.path()),
+    );
     assert!(piped.status.success() && piped.stdout == first.0);
 }
 
@@ -174,7 +174,7 @@ fn the_same_command_writes_the_same_bytes() {
 fn the_text_says_what_is_bound_measured_and_not_covered() {
     let folder = tempfile::tempdir().unwrap();
     let (file, out) = (cameras(&folder, 4), path(&folder, "out.ply"));
-    let text = ok(&["prune", "cactus:1000", "--cameras", &file, "--camera", "0,2", "--psnr", "40", "-o", &out]);
+    let text = ok(&["prune", "cactus:1000", "--cameras", &file, "--camera", "0,2", "--min-psnr", "40", "-o", &out]);
     for part in ["1000 Gaussians, 2 views: at least 40 dB", "bound", "measured", "not covered", "out.ply  PLY"] {
         assert!(text.contains(part), "{part}: {text}");
     }
@@ -196,50 +196,62 @@ fn what_cannot_be_done_is_refused_in_a_sentence() {
     let missing = path(&folder, "no folder/out.ply");
     let with = ["--cameras", &file];
     for (code, arguments, sentence) in [
-        (2, vec!["cactus:10", "--psnr", "40", "-o", &out], "prune needs views: no --cameras, and none found next to"),
+        (
+            2,
+            vec!["cactus:10", "--min-psnr", "40", "-o", &out],
+            "prune needs views: no --cameras, and none found next to",
+        ),
         (2, [&["cactus:10", "-o", &out], &with[..]].concat(), "prune needs a limit of what it may change"),
         (
             2,
-            [&["cactus:10", "-o", &out, "--psnr", "40", "--max-error", "0.1"], &with[..]].concat(),
-            "--psnr cannot be combined with --max-error",
+            [&["cactus:10", "-o", &out, "--min-psnr", "40", "--max-error", "0.1"], &with[..]].concat(),
+            "--min-psnr cannot be combined with --max-error",
         ),
-        (2, [&["cactus:10", "--psnr", "40"], &with[..]].concat(), "missing: --output <FILE>"),
-        (2, [&["cactus:10", "--psnr", "0", "-o", &out], &with[..]].concat(), "--psnr 0: expected a PSNR in dB"),
+        (2, [&["cactus:10", "--min-psnr", "40"], &with[..]].concat(), "missing: --output <FILE>"),
+        (2, [&["cactus:10", "--min-psnr", "0", "-o", &out], &with[..]].concat(), "--min-psnr 0: expected a PSNR in dB"),
         (2, [&["cactus:10", "--max-error", "7", "-o", &out], &with[..]].concat(), "steps of 8 bits like 2/255"),
         (2, [&["cactus:10", "--max-error", "-0.1", "-o", &out], &with[..]].concat(), "expected a number from 0 to 1"),
-        (2, [&["cactus:10", "--psnr", "40", "-o", "a.xyz"], &with[..]].concat(), "scenes are written as .ply"),
-        (2, [&["cactus:10", "--psnr", "40", "-o", "a"], &with[..]].concat(), "does not say which format it has"),
+        (2, [&["cactus:10", "--min-psnr", "40", "-o", "a.xyz"], &with[..]].concat(), "scenes are written as .ply"),
+        (2, [&["cactus:10", "--min-psnr", "40", "-o", "a"], &with[..]].concat(), "does not say which format it has"),
         (
             2,
-            [&["cactus:10", "--psnr", "40", "-o", &out, "--spz-version", "3"], &with[..]].concat(),
+            [&["cactus:10", "--min-psnr", "40", "-o", &out, "--spz-version", "3"], &with[..]].concat(),
             "--spz-version needs an .spz file",
         ),
-        (2, [&["cactus:10", "--psnr", "40", "-o", &out, "--stop", "0.1"], &with[..]].concat(), "--stop"),
-        (2, [&["cactus:10", "--psnr", "40", "-o", &out, "--order", "per-pixel"], &with[..]].concat(), "--reference"),
-        (2, [&["cactus:10", "--psnr", "40", "-o", &out, "--camera", "7"], &with[..]].concat(), "there is no camera 7"),
+        (2, [&["cactus:10", "--min-psnr", "40", "-o", &out, "--stop", "0.1"], &with[..]].concat(), "--stop"),
         (
             2,
-            [&["cactus:10", "--psnr", "40", "-o", "-", "--format", "ply", "--json", "-"], &with[..]].concat(),
+            [&["cactus:10", "--min-psnr", "40", "-o", &out, "--order", "per-pixel"], &with[..]].concat(),
+            "--reference",
+        ),
+        (
+            2,
+            [&["cactus:10", "--min-psnr", "40", "-o", &out, "--camera", "7"], &with[..]].concat(),
+            "there is no camera 7",
+        ),
+        (
+            2,
+            [&["cactus:10", "--min-psnr", "40", "-o", "-", "--format", "ply", "--json", "-"], &with[..]].concat(),
             "would both be written to standard output",
         ),
         (
             2,
-            [&["cactus:10", "--psnr", "40", "-o", "-", "--format", "smalto"], &with[..]].concat(),
+            [&["cactus:10", "--min-psnr", "40", "-o", "-", "--format", "smalto"], &with[..]].concat(),
             "a page file cannot go to standard output",
         ),
-        (1, [&["cactus:10", "--psnr", "40", "-o", &missing], &with[..]].concat(), "cannot write"),
-        (1, [&["cactus:10", "--psnr", "40", "-o", &out, "--no-clobber"], &with[..]].concat(), "out.ply"),
-        (4, [&[&empty[..], "--psnr", "40", "-o", &out], &with[..]].concat(), "the scene holds no Gaussians"),
-        (1, vec!["cactus:10", "--psnr", "40", "-o", &out, "--cameras", &away], "no given view sees a Gaussian"),
-        (4, vec!["cactus:10", "--psnr", "40", "-o", &out, "--cameras", "none.json"], "none.json"),
-        (4, [&["none.ply", "--psnr", "40", "-o", &out], &with[..]].concat(), "none.ply"),
+        (1, [&["cactus:10", "--min-psnr", "40", "-o", &missing], &with[..]].concat(), "cannot write"),
+        (1, [&["cactus:10", "--min-psnr", "40", "-o", &out, "--no-clobber"], &with[..]].concat(), "out.ply"),
+        (4, [&[&empty[..], "--min-psnr", "40", "-o", &out], &with[..]].concat(), "the scene holds no Gaussians"),
+        (1, vec!["cactus:10", "--min-psnr", "40", "-o", &out, "--cameras", &away], "no given view sees a Gaussian"),
+        (4, vec!["cactus:10", "--min-psnr", "40", "-o", &out, "--cameras", "none.json"], "none.json"),
+        (4, [&["none.ply", "--min-psnr", "40", "-o", &out], &with[..]].concat(), "none.ply"),
     ] {
         let error = fails(code, &[&["prune"], &arguments[..]].concat());
         assert!(error.starts_with("smalto: ") && error.contains(sentence), "{arguments:?}: {error}");
         assert_eq!(error.lines().count(), 1, "{arguments:?}: {error}");
     }
     let scene = write(&folder, "walled.ply", &walled());
-    let error = fails(2, &["prune", &scene, "--cameras", &file, "--psnr", "40", "-o", &scene]);
+    let error = fails(2, &["prune", &scene, "--cameras", &file, "--min-psnr", "40", "-o", &scene]);
     assert!(error.contains("is both an input and the output"), "{error}");
     assert_eq!(fs::read_to_string(&out).unwrap(), "old", "a file is replaced only by a complete one");
 }

@@ -96,9 +96,10 @@ fn a_level_that_a_scene_lacks_is_wrong_usage() {
     for (scene, level, expected) in
         [(ply.as_str(), "0", "no levels of detail"), ("cactus:10", "0", "no levels"), (&lod, "7", "only 0, 1")]
     {
-        let error = fails(2, &["info", scene, "--lod", level]);
+        let error = fails(2, &["info", scene, "--sog-level", level]);
         assert!(
-            error.starts_with(&format!("smalto: --lod: {}", scene.trim_end_matches(":10"))) && error.contains(expected),
+            error.starts_with(&format!("smalto: --sog-level: {}", scene.trim_end_matches(":10")))
+                && error.contains(expected),
             "{error}"
         );
     }

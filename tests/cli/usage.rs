@@ -36,10 +36,10 @@ fn wrong_arguments_are_one_sentence() {
         ("info tests/fixtures/plush.ply --json ./tests/fixtures/plush.ply", "--json would replace ./tests/fixtures"),
         ("trade --held-out 3", "--held-out needs --max-error or --min-psnr"),
         ("view --compare-by flicker", "--compare-by needs --compare"),
-        ("bench --threshold -1 --baseline a", "--threshold -1 is not a percentage of at least 0"),
+        ("bench --threshold -1 --baseline a", "--threshold -1: expected a number from 0 to 1000000"),
         ("bench --json a --csv ./a", "--json and --csv would both be written to a"),
         ("bench --json - --csv -", "--json and --csv would both be written to standard output"),
-        ("doctor --device=", "--device <INDEX|NAME>: a value is expected"),
+        ("doctor --device=", "--device <DEVICE>: a value is expected"),
     ] {
         let error = fails(2, &line.split(' ').collect::<Vec<_>>());
         assert!(error.starts_with("smalto: ") && error.contains(sentence), "{line}: {error}");

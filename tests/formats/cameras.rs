@@ -381,5 +381,5 @@ fn render_draws_the_frames_of_a_path() {
     let error = fails(2, &common);
     assert!(error.contains("are 26999971 frames, over 100000"), "{error}");
     fs::write(&file, "{}").unwrap();
-    assert!(fails(4, &common).contains("path.json: is not a cameras.json"));
+    assert!(fails(4, &common).contains("path.json: is no camera path"));
 }

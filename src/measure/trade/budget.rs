@@ -269,8 +269,11 @@ impl Choice {
             Grounds::Measured(error) => format!("{} on these views, margin included", self.budget.format(*error)),
         };
         let next = self.refused.last().map_or_else(String::new, |(name, error)| {
-            let (count, error) = (self.refused.len(), self.budget.format(*error));
-            format!("; {count} faster options exceed the budget, the slowest of them is {name} with {error}")
+            let error = self.budget.format(*error);
+            match self.refused.len() {
+                1 => format!("; one faster choice, {name}, exceeds it ({error})"),
+                count => format!("; {count} faster choices exceed it, the slowest of them is {name} ({error})"),
+            }
         });
         format!(
             "{}: {}, {why}; {:.2} ms per frame, {:.2} when exact (medians of {} frames){next}",

@@ -176,7 +176,7 @@ fn pages_hold_each_gaussian_once_near_its_neighbours() {
 fn the_commands_read_page_files() {
     let folder = tempfile::tempdir().unwrap();
     let [out, again] = ["a.smalto", "again.ply"].map(|name| path(&folder, name));
-    let said = ok(&["convert", PLUSH, &out, "--memory", "1"]);
+    let said = ok(&["convert", PLUSH, &out, "--host-memory", "1MiB"]);
     assert!(said.contains("pages of PLY"), "{said}");
     ok(&["convert", &out, &again]);
     assert!(read(&again) == read(PLUSH));

@@ -135,7 +135,7 @@ fn a_killed_conversion_goes_on_where_it_was() {
     ok(&["convert", &source, &whole]);
     let convert = || {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_smalto"));
-        command.args(["convert", &source, &out, "--memory", "1"]).stderr(std::process::Stdio::piped());
+        command.args(["convert", &source, &out, "--host-memory", "1MiB"]).stderr(std::process::Stdio::piped());
         command.stdout(std::process::Stdio::null()).spawn().unwrap()
     };
     let mut killed = convert();
