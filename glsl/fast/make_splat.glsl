@@ -23,7 +23,7 @@ float area_of(Splat splat) {
 }
 #endif
 
-const bool SH_EARLY = SH_STORED_PLANES <= 3;
+const bool SH_EARLY = SH_STORED_VECTORS <= 3;
 shared uint survivors[PROJECT_CHUNK];
 shared float depths[PROJECT_CHUNK];  // of the survivors
 shared uint found;
@@ -37,7 +37,7 @@ void make_splat(uint gaussian, float z, bool exists) {
     Ellipse ellipse = EMPTY_ELLIPSE;
     // If there are few words, they are loaded before it is certain that they are needed: they arrive while the splat is
     // projected.
-    uvec4 stored[SH_PLANES];
+    uvec4 stored[SH_VECTORS];
     if (SH_EARLY && exists) fetch_sh(gaussian, stored);
     if (exists) project(gaussian, p, z, splat, ellipse);
     uvec2 rows = tile_rows(ellipse, VIEW.size_px);  // first, count

@@ -48,9 +48,9 @@ vec3 attribute_of(uint gaussian, vec3 mean, float z, float area_px) {
         case ATTRIBUTE_SIZE: return vec3(log2_length(IN_WORLD(longest)));
         case ATTRIBUTE_ANISOTROPY: return vec3(log2_length(longest) - log2_length(shortest));
         case ATTRIBUTE_BASE_COLOUR: {
-            vec4 planes[SH_PLANES];
-            load_sh(gaussian, planes);
-            return harmonics_colour(planes, 0, vec3(0.0));
+            vec4 floats[SH_VECTORS];
+            load_sh(gaussian, floats);
+            return harmonics_colour(floats, 0, vec3(0.0));
         }
         case ATTRIBUTE_LEVEL: return vec3(LEVEL);
         case ATTRIBUTE_PREDICTED_ERROR: return vec3(log2_error(SQUARED_ERROR, area_px));

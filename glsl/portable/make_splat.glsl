@@ -46,7 +46,7 @@ void main() {
     tile_counts[index] = tiles;
     depth_keys[index] = tiles == 0 ? push.depth_limit : min(depth_key(mean, z), push.depth_limit - 1);
     if (tiles > 0) {
-        uvec4 stored[SH_PLANES];
+        uvec4 stored[SH_VECTORS];
         fetch_sh(gaussian, stored);
         splat.colour = stored_colour(stored, direction(p));
         splats[index] = splat;

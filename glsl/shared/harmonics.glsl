@@ -1,4 +1,4 @@
-// Real spherical harmonics up to degree 3, the basis and signs of the original 3DGS (Kerbl et al. 2023).
+// Real spherical harmonics up to degree 4, the basis and signs of the original 3DGS (Kerbl et al. 2023).
 const float C0 = 0.28209479177387814;
 const float C1 = 0.4886025119029199;
 const float C2[5] = float[5](
@@ -6,22 +6,28 @@ const float C2[5] = float[5](
 const float C3[7] = float[7](
     -0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154,
     -0.4570457994644658, 1.445305721320277, -0.5900435899266435);
+const float C4[9] = float[9](
+    2.5033429417967046, -1.7701307697799304, 0.9461746957575601, -0.6690465435572892, 0.10578554691520431,
+    -0.6690465435572892, 0.47308734787878004, -1.7701307697799304, 0.6258357354491761);
 
-// Coefficients are packed without gaps into vec4 planes: coefficient i has floats 3 i to 3 i + 2.
+const uint SH_FUNCTIONS = 25;  // basis functions
+// Coefficients are packed without gaps into vectors: coefficient i has floats 3 i to 3 i + 2.
+const uint SH_VECTORS = 19;
+// Planes of stored vectors that are bound. If they are too few, each has two vectors per Gaussian.
 const uint SH_PLANES = 12;
 
-vec3 coefficient(vec4 planes[SH_PLANES], uint i) {
+vec3 coefficient(vec4 floats[SH_VECTORS], uint i) {
     uint first = 3 * i;
     return vec3(
-        planes[first / 4][first % 4],
-        planes[(first + 1) / 4][(first + 1) % 4],
-        planes[(first + 2) / 4][(first + 2) % 4]);
+        floats[first / 4][first % 4],
+        floats[(first + 1) / 4][(first + 1) % 4],
+        floats[(first + 2) / 4][(first + 2) % 4]);
 }
 
 // The values of the basis functions up to `degree` in the unit direction `d`; 0 for higher degrees.
-float[16] harmonics_basis(uint degree, vec3 d) {
-    float basis[16];
-    for (uint i = 0; i < 16; i++) basis[i] = 0.0;
+float[SH_FUNCTIONS] harmonics_basis(uint degree, vec3 d) {
+    float basis[SH_FUNCTIONS];
+    for (uint i = 0; i < SH_FUNCTIONS; i++) basis[i] = 0.0;
     float xx = d.x * d.x, yy = d.y * d.y, zz = d.z * d.z;
     basis[0] = C0;
     if (degree >= 1) {
@@ -45,13 +51,24 @@ float[16] harmonics_basis(uint degree, vec3 d) {
         basis[14] = C3[5] * d.z * (xx - yy);
         basis[15] = C3[6] * d.x * (xx - 3.0 * yy);
     }
+    if (degree >= 4) {
+        basis[16] = C4[0] * d.x * d.y * (xx - yy);
+        basis[17] = C4[1] * d.y * d.z * (3.0 * xx - yy);
+        basis[18] = C4[2] * d.x * d.y * (6.0 * zz - xx - yy);
+        basis[19] = C4[3] * d.y * d.z * (4.0 * zz - 3.0 * xx - 3.0 * yy);
+        basis[20] = C4[4] * (8.0 * zz * (zz - 3.0 * xx - 3.0 * yy) + 3.0 * (xx + yy) * (xx + yy));
+        basis[21] = C4[5] * d.x * d.z * (4.0 * zz - 3.0 * xx - 3.0 * yy);
+        basis[22] = C4[6] * (xx - yy) * (6.0 * zz - xx - yy);
+        basis[23] = C4[7] * d.x * d.z * (xx - 3.0 * yy);
+        basis[24] = C4[8] * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy));
+    }
     return basis;
 }
 
 // The colour seen in the unit direction `d`; no channel is negative.
-vec3 harmonics_colour(vec4 planes[SH_PLANES], uint degree, vec3 d) {
-    float basis[16] = harmonics_basis(degree, d);
+vec3 harmonics_colour(vec4 floats[SH_VECTORS], uint degree, vec3 d) {
+    float basis[SH_FUNCTIONS] = harmonics_basis(degree, d);
     vec3 colour = vec3(0.5);
-    for (uint i = 0; i < (degree + 1) * (degree + 1); i++) colour += basis[i] * coefficient(planes, i);
+    for (uint i = 0; i < (degree + 1) * (degree + 1); i++) colour += basis[i] * coefficient(floats, i);
     return max(colour, 0.0);
 }

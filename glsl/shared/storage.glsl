@@ -61,7 +61,7 @@ void load_shape(uint gaussian, out vec4 rotation, out vec3 scale, out float opac
 const uint SH_FLOATS = 3 * (SH_DEGREE + 1) * (SH_DEGREE + 1);
 const uint SH_PER_WORD = SH_STORAGE == STORED_F32 ? 1 : SH_STORAGE == STORED_F16 ? 2 : 4;
 const uint SH_WORDS = (SH_FLOATS + SH_PER_WORD - 1) / SH_PER_WORD;
-const uint SH_STORED_PLANES = (SH_WORDS + 3) / 4;
+const uint SH_STORED_VECTORS = (SH_WORDS + 3) / 4;
 // Gaussians that share an element of the last plane.
 const uint SH_SHARE = SH_WORDS % 4 == 1 ? 4 : SH_WORDS % 4 == 2 ? 2 : 1;
 
@@ -76,52 +76,62 @@ uvec4 own_part(uvec4 element, uint gaussian) {
 vec4 unpack_bytes(uint word, uint first) {
     vec4 floats;
     for (uint k = 0; k < 4; k++) {
-        floats[k] = on_grid(grids.sh[min((first + k) / 3, 15)], bitfieldExtract(word, int(8 * k), 8));
+        floats[k] = on_grid(grids.sh[min((first + k) / 3, SH_FUNCTIONS - 1)], bitfieldExtract(word, int(8 * k), 8));
     }
     return floats;
 }
 
 // Loads the words of a Gaussian's spherical harmonics.
-void fetch_sh(uint gaussian, out uvec4 stored[SH_PLANES]) {
+void fetch_sh(uint gaussian, out uvec4 stored[SH_VECTORS]) {
     // With literal indices everything stays in registers, and a scene with fewer planes loads fewer.
+    if (SH_STORED_VECTORS <= SH_PLANES) {
 #define LOAD(i) \
-    if (i + 1 < SH_STORED_PLANES) stored[i] = sh[i].plane[gaussian]; \
-    if (i + 1 == SH_STORED_PLANES) stored[i] = own_part(sh[i].plane[gaussian / SH_SHARE], gaussian);
-    LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4) LOAD(5) LOAD(6) LOAD(7) LOAD(8) LOAD(9) LOAD(10) LOAD(11)
+        if (i + 1 < SH_STORED_VECTORS) stored[i] = sh[i].plane[gaussian]; \
+        if (i + 1 == SH_STORED_VECTORS) stored[i] = own_part(sh[i].plane[gaussian / SH_SHARE], gaussian);
+        LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4) LOAD(5) LOAD(6) LOAD(7) LOAD(8) LOAD(9) LOAD(10) LOAD(11)
 #undef LOAD
+    } else {
+#define LOAD(i) \
+        stored[2 * i] = sh[i].plane[2 * gaussian]; \
+        stored[2 * i + 1] = sh[i].plane[2 * gaussian + 1];
+        LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4) LOAD(5) LOAD(6) LOAD(7) LOAD(8)
+#undef LOAD
+        stored[18] = sh[9].plane[gaussian];
+    }
 }
 
-// Unpacks all coefficients without gaps, four floats per plane; those of degrees that are not stored are 0.
-void unpack_sh(uvec4 stored[SH_PLANES], out vec4 planes[SH_PLANES]) {
-    for (uint i = 0; i < SH_PLANES; i++) planes[i] = vec4(0.0);
+// Unpacks all coefficients without gaps; those of degrees that are not stored are 0.
+void unpack_sh(uvec4 stored[SH_VECTORS], out vec4 floats[SH_VECTORS]) {
+    for (uint i = 0; i < SH_VECTORS; i++) floats[i] = vec4(0.0);
 #define UNPACK(i) \
     if (4 * i < SH_FLOATS) { \
-        if (SH_STORAGE == STORED_F32) planes[i] = uintBitsToFloat(stored[i]); \
+        if (SH_STORAGE == STORED_F32) floats[i] = uintBitsToFloat(stored[i]); \
         if (SH_STORAGE == STORED_F16) { \
-            planes[i] = vec4(unpackHalf2x16(stored[i / 2][2 * i % 4]), unpackHalf2x16(stored[i / 2][2 * i % 4 + 1])); \
+            floats[i] = vec4(unpackHalf2x16(stored[i / 2][2 * i % 4]), unpackHalf2x16(stored[i / 2][2 * i % 4 + 1])); \
         } \
-        if (SH_STORAGE == STORED_U8) planes[i] = unpack_bytes(stored[i / 4][i % 4], 4 * i); \
+        if (SH_STORAGE == STORED_U8) floats[i] = unpack_bytes(stored[i / 4][i % 4], 4 * i); \
     }
     UNPACK(0) UNPACK(1) UNPACK(2) UNPACK(3) UNPACK(4) UNPACK(5)
     UNPACK(6) UNPACK(7) UNPACK(8) UNPACK(9) UNPACK(10) UNPACK(11)
+    UNPACK(12) UNPACK(13) UNPACK(14) UNPACK(15) UNPACK(16) UNPACK(17) UNPACK(18)
 #undef UNPACK
 }
 
-void load_sh(uint gaussian, out vec4 planes[SH_PLANES]) {
-    uvec4 stored[SH_PLANES];
+void load_sh(uint gaussian, out vec4 floats[SH_VECTORS]) {
+    uvec4 stored[SH_VECTORS];
     fetch_sh(gaussian, stored);
-    unpack_sh(stored, planes);
+    unpack_sh(stored, floats);
 }
 
 // The colour seen in the unit direction `d`, from the words of `fetch_sh`; no channel is negative.
-vec3 stored_colour(uvec4 stored[SH_PLANES], vec3 d) {
+vec3 stored_colour(uvec4 stored[SH_VECTORS], vec3 d) {
     if (SH_STORAGE != STORED_U8) {
-        vec4 planes[SH_PLANES];
-        unpack_sh(stored, planes);
-        return harmonics_colour(planes, SH_DEGREE, d);
+        vec4 floats[SH_VECTORS];
+        unpack_sh(stored, floats);
+        return harmonics_colour(floats, SH_DEGREE, d);
     }
     // All channels of a coefficient have one grid, so it is multiplied into the basis function once.
-    float basis[16] = harmonics_basis(SH_DEGREE, d);
+    float basis[SH_FUNCTIONS] = harmonics_basis(SH_DEGREE, d);
     vec3 colour = vec3(0.5);
     [[unroll]] for (uint i = 0; i < SH_FLOATS / 3; i++) {
         vec3 numbers;

@@ -12,7 +12,7 @@ use crate::options::{Options, Storage};
 use crate::packing::{Layout, Packing, Statistics};
 use crate::pagefile::{PAGE, PageFile};
 use crate::render::depth_bits;
-use crate::scene::{Bounds, Focus, Gaussians, LoadReport, Requirements, Scene, SceneLevel, percentiles};
+use crate::scene::{Bounds, Focus, Gaussians, LoadReport, MAX_SH_DEGREE, Requirements, Scene, SceneLevel, percentiles};
 
 /// Describe a scene: counts, bounds, distributions and the GPU storage that it needs
 #[derive(clap::Args)]
@@ -116,8 +116,8 @@ struct Required {
     sh_degree: u32,
     sh_degree_kept: u32,
     /// An upper bound on the contribution of each degree to a colour channel, and its root mean square.
-    sh_bounds: [f64; 4],
-    sh_rms: [f64; 4],
+    sh_bounds: [f64; MAX_SH_DEGREE as usize + 1],
+    sh_rms: [f64; MAX_SH_DEGREE as usize + 1],
     sh_storage: String,
     shape_storage: String,
     /// An upper bound on the change of any colour channel of any picture by the storage and the degree of the spherical

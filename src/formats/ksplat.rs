@@ -8,7 +8,7 @@ use half::f16;
 use super::input::{Input, checked_count, word};
 use super::splat::{colour, floats};
 use crate::host_memory::host_vec;
-use crate::scene::{BLOCK, Builder, MAX_SH_DEGREE, Raw, Scene, logit, rest_values};
+use crate::scene::{BLOCK, Builder, Raw, Scene, USUAL_SH_DEGREE, logit, rest_values};
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
@@ -114,8 +114,8 @@ impl Section {
         ensure!(count <= room, "section {number} claims {count} Gaussians, with room for {room}");
         let sh_degree = u32::from(u16::from_le_bytes(first(&bytes[40..])));
         ensure!(
-            sh_degree <= MAX_SH_DEGREE,
-            "section {number} has SH degree {sh_degree}, only 0 to {MAX_SH_DEGREE} are supported"
+            sh_degree <= USUAL_SH_DEGREE,
+            "section {number} has SH degree {sh_degree}, only 0 to {USUAL_SH_DEGREE} are supported"
         );
         let middle = match word(bytes, 24) {
             0 => 32767.0,

@@ -1,13 +1,13 @@
 //! The loss of writing a scene to a file: the difference of every attribute.
 
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scene::harmonics::C0;
-use crate::scene::{Gaussians, sh_coefficients};
+use crate::scene::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// The difference of one attribute between two scenes, over all Gaussians.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -36,6 +36,9 @@ impl Sum {
     }
 }
 
+/// The attributes of SH degrees 1 and up.
+const HARMONICS: [&str; MAX_SH_DEGREE as usize] = ["SH degree 1", "SH degree 2", "SH degree 3", "SH degree 4"];
+
 /// Gaussians per partial sum. The size is fixed so that sums are equal on any number of cores.
 const CHUNK: usize = 1 << 14;
 
@@ -47,17 +50,8 @@ impl Loss {
     /// If the scenes differ in their number of Gaussians.
     pub fn between(before: &Gaussians, after: &Gaussians) -> Vec<Self> {
         assert_eq!(before.len(), after.len(), "a loss is between two versions of the same Gaussians");
-        let over = |difference: &(dyn Fn(usize) -> f64 + Sync)| {
-            let firsts: Vec<usize> = (0..before.len()).step_by(CHUNK).collect();
-            let sums = firsts.par_iter().map(|first| {
-                let all: Range<usize> = *first..before.len().min(first + CHUNK);
-                all.fold(Sum::default(), |sum, i| sum.with(difference(i)))
-            });
-            sums.collect::<Vec<_>>().into_iter().fold(Sum::default(), Sum::and)
-        };
         let row = |attribute, unit, difference: &(dyn Fn(usize) -> f64 + Sync)| {
-            let Sum(largest, squares, count) = over(difference);
-            Self { attribute, unit, largest, rms: (squares / count.max(1) as f64).sqrt() }
+            Self::over(before.len(), attribute, unit, difference)
         };
         let mut rows = vec![
             row("position", "world units", &|i| distance(before.means()[i], after.means()[i])),
@@ -69,16 +63,48 @@ impl Loss {
             row("opacity", "of 1", &|i| f64::from((before.opacities()[i] - after.opacities()[i]).abs())),
             row("colour", "of 1", &|i| C0 * largest(before.sh(i)[0], after.sh(i)[0])),
         ];
-        let degree = before.sh_degree().max(after.sh_degree());
-        for (band, attribute) in (1..=degree).zip(["SH degree 1", "SH degree 2", "SH degree 3"]) {
-            let indices = sh_coefficients(band - 1)..sh_coefficients(band);
-            let at = |sh: &[[f32; 3]], index: usize| sh.get(index).copied().unwrap_or([0.0; 3]);
-            rows.push(row(attribute, "coefficient", &|i| {
-                let pairs = indices.clone().map(|k| largest(at(before.sh(i), k), at(after.sh(i), k)));
-                pairs.fold(0.0, f64::max)
-            }));
-        }
+        let at = |sh: &[[f32; 3]], index: usize| sh.get(index).copied().unwrap_or([0.0; 3]);
+        rows.extend(Self::of_harmonics(before.len(), 1..=before.sh_degree().max(after.sh_degree()), |i, k| {
+            largest(at(before.sh(i), k), at(after.sh(i), k))
+        }));
         rows
+    }
+
+    /// The loss of the SH degrees above `kept`, which a format leaves out.
+    pub fn left_out(gaussians: &Gaussians, kept: u32) -> Vec<Self> {
+        let degrees = kept + 1..=gaussians.sh_degree();
+        Self::of_harmonics(gaussians.len(), degrees, |i, k| largest(gaussians.sh(i)[k], [0.0; 3]))
+    }
+
+    /// The loss of these SH degrees of `count` Gaussians, from the difference of each coefficient of each Gaussian.
+    fn of_harmonics(
+        count: usize,
+        degrees: RangeInclusive<u32>,
+        difference: impl Fn(usize, usize) -> f64 + Sync,
+    ) -> Vec<Self> {
+        let of_degree = |degree: u32| {
+            let indices = sh_coefficients(degree - 1)..sh_coefficients(degree);
+            Self::over(count, HARMONICS[degree as usize - 1], "coefficient", &|i| {
+                indices.clone().map(|k| difference(i, k)).fold(0.0, f64::max)
+            })
+        };
+        degrees.map(of_degree).collect()
+    }
+
+    /// The loss of an attribute of `count` Gaussians, from the difference of each.
+    fn over(
+        count: usize,
+        attribute: &'static str,
+        unit: &'static str,
+        difference: &(dyn Fn(usize) -> f64 + Sync),
+    ) -> Self {
+        let firsts: Vec<usize> = (0..count).step_by(CHUNK).collect();
+        let sums = firsts.par_iter().map(|first| {
+            let all: Range<usize> = *first..count.min(first + CHUNK);
+            all.fold(Sum::default(), |sum, i| sum.with(difference(i)))
+        });
+        let Sum(largest, squares, count) = sums.collect::<Vec<_>>().into_iter().fold(Sum::default(), Sum::and);
+        Self { attribute, unit, largest, rms: (squares / count.max(1) as f64).sqrt() }
     }
 
     /// The loss of a scene of several parts, from the number of Gaussians and the loss of each. All have the same SH
@@ -169,6 +195,17 @@ mod tests {
         };
         let scene = one(raw, &[[0.1; 3]]);
         assert!(Loss::between(&scene, &scene).iter().all(|loss| loss.largest == 0.0 && loss.rms == 0.0));
+    }
+
+    #[test]
+    fn degrees_that_are_left_out_are_lost_whole() {
+        let raw = Raw { mean: [1.0; 3], log_scale: [0.0; 3], rotation: [1.0, 0.0, 0.0, 0.0], opacity_logit: 2.0 };
+        let mut sh = [[0.25; 3]; 25];
+        sh[24] = [0.0, -0.75, 0.5];
+        let losses = Loss::left_out(&one(raw, &sh), 2);
+        let found: Vec<_> = losses.iter().map(|loss| (loss.attribute, loss.largest, loss.rms)).collect();
+        assert_eq!(found, [("SH degree 3", 0.25, 0.25), ("SH degree 4", 0.75, 0.75)]);
+        assert!(Loss::left_out(&one(raw, &sh), 4).is_empty());
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::rows::to_byte;
 use super::sog::LOD_META;
 use super::{Format, Writer, gltf, labels, ply, sog, splat, spz};
 use crate::host_memory::OutOfMemory;
-use crate::scene::{Gaussians, morton};
+use crate::scene::{Gaussians, MAX_SH_DEGREE, USUAL_SH_DEGREE, morton};
 
 /// The file formats that a scene can be written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,8 +67,17 @@ impl SceneFile {
             }),
             Self::Ply | Self::Spz { .. } | Self::Glb => {}
         }
-        let arranged = gaussians.selected(&kept)?;
-        Ok(if self == Self::Splat { arranged.of_degree(0) } else { arranged })
+        Ok(gaussians.selected(&kept)?.of_degree(self.most_sh_degree()))
+    }
+
+    /// The highest SH degree that the format holds.
+    pub fn most_sh_degree(self) -> u32 {
+        match self {
+            Self::Ply | Self::Spz { version: 4 } => MAX_SH_DEGREE,
+            Self::Splat => 0,
+            // Readers of SPZ 3 that are older than SPZ 4 refuse higher degrees.
+            Self::Spz { .. } | Self::CompressedPly | Self::Sog | Self::SogFolder | Self::Glb => USUAL_SH_DEGREE,
+        }
     }
 
     fn has_opacities_in_bytes(self) -> bool {

@@ -181,11 +181,11 @@ pub static KNOBS: [Knob; 16] = [
     },
     Knob {
         name: "sh-degree",
-        value_name: "0..3",
+        value_name: "0..4",
         help: "Leave out spherical harmonics above this degree",
         group: Group::Accuracy,
-        kind: Kind::Count([0, 3]),
-        steps: &[Value::Count(3), Value::Count(2), Value::Count(1), Value::Count(0)],
+        kind: Kind::Count([0, 4]),
+        steps: &[Value::Count(4), Value::Count(3), Value::Count(2), Value::Count(1), Value::Count(0)],
         is_searched: true,
         effect: |value, held| match value {
             Value::Count(degree) if degree < held.sh_degree => Effect::Changed,

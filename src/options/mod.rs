@@ -100,7 +100,7 @@ impl Options {
         rules: Rules::TRAINED,
         stop: 0.0,
         key_bits: 32,
-        sh_degree: 3,
+        sh_degree: 4,
         sh_storage: Storage::Lossless,
         shape_storage: Storage::Lossless,
         scale: 1.0,

@@ -5,11 +5,15 @@ use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use super::halves::{finite_half, half, halves, joined, of_scale_code, scale_code, separated, upper_bits};
+use super::planes::plane_widths;
 use super::statistics::Statistics;
 use crate::options::{Options, Storage};
 use crate::scene::{
     Gaussians, Grid, MAX_SH_DEGREE, Requirements, bands, decode_rotation, encode_rotation, sh_coefficients,
 };
+
+// Exact pictures leave out no degree.
+const _: () = assert!(Options::EXACT.sh_degree == MAX_SH_DEGREE);
 
 /// The SH degree and the number formats of a scene on the GPU: only those that the scene needs and the options allow.
 #[derive(Clone, Debug, PartialEq)]
@@ -126,12 +130,11 @@ impl Layout {
         let kept = sh_coefficients(self.sh_degree);
         let of_gaussian = |index: usize| {
             let sh = gaussians.sh(index);
-            let change = |i: usize, channel: usize| match sh.get(i) {
-                Some(value) if i < kept => f64::from(self.kept(i, value[channel])) - f64::from(value[channel]),
-                Some(value) => value[channel].into(),
-                None => 0.0,
+            let change = |i: usize, channel: usize| {
+                let value = sh[i][channel];
+                if i < kept { f64::from(self.kept(i, value)) - f64::from(value) } else { value.into() }
             };
-            (0..3).map(|channel| bands(|i| change(i, channel)).iter().sum()).fold(0.0, f64::max)
+            (0..3).map(|channel| bands(sh.len(), |i| change(i, channel)).iter().sum()).fold(0.0, f64::max)
         };
         (0..gaussians.len()).into_par_iter().with_min_len(4096).map(of_gaussian).reduce(|| 0.0, f64::max)
     }
@@ -148,11 +151,10 @@ impl Layout {
         }
     }
 
-    /// Device memory in bytes that a Gaussian takes. A last plane with one or two words per Gaussian is shared by four
-    /// or two Gaussians; three words are padded to four.
+    /// Device memory in bytes that a Gaussian takes, padding of planes included.
     pub fn bytes_each(&self) -> u64 {
-        let padded = |words: usize| words + usize::from(words % 4 == 3);
-        4 * (4 + padded(self.shape_words()) + padded(self.sh_words())) as u64
+        let planes = plane_widths(self.shape_words()).chain(plane_widths(self.sh_words()));
+        4 * (4 + planes.sum::<usize>()) as u64
     }
 
     /// Words of spherical harmonics that a Gaussian takes.
@@ -186,8 +188,8 @@ impl Layout {
                 // All at once: the processor converts several in one instruction.
                 let mut finite = [0.0; MAX_FLOATS];
                 finite.iter_mut().zip(floats).for_each(|(to, float)| *to = finite_half(*float));
-                let mut halves = [f16::ZERO; MAX_FLOATS];
-                halves.convert_from_f32_slice(&finite);
+                let mut halves = [f16::ZERO; MAX_FLOATS.next_multiple_of(2)];
+                halves[..floats.len()].convert_from_f32_slice(&finite[..floats.len()]);
                 let pairs = halves.as_chunks::<2>().0.iter();
                 words.iter_mut().zip(pairs).for_each(|(word, pair)| *word = joined(*pair));
             }

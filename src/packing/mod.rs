@@ -10,7 +10,7 @@ mod layout;
 mod planes;
 mod statistics;
 
-pub use layout::{Layout, Packing};
+pub use layout::{Layout, MAX_FLOATS, Packing};
 pub(crate) use planes::put;
-pub use planes::{Shape, pack_sh, pack_shapes, reach, share, take};
-pub use statistics::{Accumulator, FOCUSED, Statistics};
+pub use planes::{SH_PLANES, Shape, pack_sh, pack_shapes, plane_widths, reach, take};
+pub use statistics::{Accumulator, FOCUSED, NOTHING, Statistics};

@@ -24,18 +24,19 @@ impl Shape {
     }
 }
 
-/// Number of Gaussians that share an element of plane `plane`, where each takes `words` words in all planes together.
-pub fn share(words: usize, plane: usize) -> usize {
-    match words - 4 * plane {
-        1 => 4,
-        2 => 2,
-        _ => 1,
-    }
+/// Most planes of spherical harmonics: as many as shaders bind.
+pub const SH_PLANES: usize = 12;
+
+/// The words of a Gaussian in each plane, where each takes `words` words in all planes together. A plane has one
+/// element of four words per Gaussian, or two if [`SH_PLANES`] planes are too few. In the last plane, four or two
+/// Gaussians with one or two words share an element; three words are padded to four.
+pub fn plane_widths(words: usize) -> impl Iterator<Item = usize> + Clone {
+    let most = if words > 4 * SH_PLANES { 8 } else { 4 };
+    (0..words).step_by(most).map(move |first| (words - first).min(most).next_power_of_two())
 }
 
 /// Fills parts of the planes of bounds and of shapes, with four words per element: element `k` of the bounds, which is
-/// the mean and the [`reach`], is of `shape(k)`. In a last plane of shapes with two words per Gaussian, two of them
-/// share an element. Gaussians with alphas below `alpha_min` may be culled there.
+/// the mean and the [`reach`], is of `shape(k)`. Gaussians with alphas below `alpha_min` may be culled there.
 pub fn pack_shapes(
     layout: &Layout,
     alpha_min: f32,
@@ -55,8 +56,7 @@ pub fn pack_shapes(
     }
 }
 
-/// Fills parts of the planes of spherical harmonics for `count` Gaussians. In a last plane with one or two words per
-/// Gaussian, four or two of them share an element.
+/// Fills parts of the planes of spherical harmonics for `count` Gaussians.
 pub fn pack_sh<'s>(
     layout: &Layout,
     count: usize,
@@ -77,22 +77,20 @@ fn clear_last(planes: &mut [&mut [[u32; 4]]]) {
 
 /// Writes the words of Gaussian `k`, which has `words` in all planes together.
 pub fn put(planes: &mut [&mut [[u32; 4]]], k: usize, words: usize, word: impl Fn(usize) -> u32) {
-    for (number, plane) in planes.iter_mut().enumerate() {
-        let share = share(words, number);
-        let each = 4 / share;
-        for (i, place) in plane[k / share][k % share * each..][..each].iter_mut().enumerate() {
-            let wanted = 4 * number + i;
-            *place = if wanted < words { word(wanted) } else { 0 };
+    let mut next = 0..words;
+    for (plane, width) in planes.iter_mut().zip(plane_widths(words)) {
+        for place in &mut plane.as_flattened_mut()[k * width..][..width] {
+            *place = next.next().map_or(0, &word);
         }
     }
 }
 
 /// Reads the words of Gaussian `k` from planes of words, one after another, into `words`.
 pub fn take<'w>(planes: impl Iterator<Item = &'w [u32]>, k: usize, words: &mut [u32]) {
-    let count = words.len();
-    for (number, (plane, part)) in planes.zip(words.chunks_mut(4)).enumerate() {
-        let each = 4 / share(count, number);
-        part.iter_mut().zip(&plane[k * each..][..each]).for_each(|(to, from)| *to = *from);
+    let widths = plane_widths(words.len());
+    let mut places = words.iter_mut();
+    for (plane, width) in planes.zip(widths) {
+        plane[k * width..][..width].iter().zip(places.by_ref()).for_each(|(from, to)| *to = *from);
     }
 }
 

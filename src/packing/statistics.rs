@@ -200,7 +200,7 @@ struct Extremes {
 }
 
 /// The range of no values.
-const NOTHING: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+pub const NOTHING: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
 fn wider([low, high]: [f32; 2], [l, h]: [f32; 2]) -> [f32; 2] {
     [low.min(l), high.max(h)]
@@ -262,8 +262,8 @@ impl Extremes {
     }
 
     fn examine(&mut self, sh: &[[f32; 3]], channel: usize) {
-        let value = |i: usize| sh.get(i).map_or(0.0, |value| value[channel]);
-        let change = bands(|i| f64::from(half(value(i)).to_f32()) - f64::from(value(i)));
+        let value = |i: usize| sh[i][channel];
+        let change = bands(sh.len(), |i| f64::from(half(value(i)).to_f32()) - f64::from(value(i)));
         let mut sum = 0.0;
         for (most, change) in self.half_errors.iter_mut().zip(change) {
             sum += change;

@@ -1,6 +1,6 @@
 //! The header of a page file.
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use twox_hash::XxHash3_64;
 
 use super::bytes::{Reader, Writer};
@@ -8,13 +8,16 @@ use super::page::{Entry, PAGE, PageWords};
 use super::page_lod::{LEVEL_WORDS, PageLod};
 use crate::formats::PAGE_FILE_SIGNATURE;
 use crate::options::Storage;
-use crate::packing::{Layout, Packing, Statistics};
-use crate::scene::{Band, Bounds, Focus, Grid, LoadReport, MAX_SH_DEGREE, Requirements};
+use crate::packing::{Layout, NOTHING, Packing, Statistics};
+use crate::scene::{
+    Band, Bounds, Focus, Grid, LoadReport, MAX_SH_DEGREE, Requirements, USUAL_SH_DEGREE, sh_coefficients,
+};
 
 /// Bytes of the header.
 pub const HEADER: usize = 4096;
-/// The format versions of files without and with levels of detail.
-const VERSIONS: [u32; 2] = [1, 2];
+/// The format versions of files without and with levels of detail: with room for the coefficients of degrees up to
+/// [`USUAL_SH_DEGREE`] in the header, or up to [`MAX_SH_DEGREE`], which only scenes of higher degrees have.
+const VERSIONS: [[u32; 2]; 2] = [[1, 2], [3, 4]];
 /// Longest texts that are kept, in bytes.
 const MOST_TEXT: usize = 512;
 
@@ -99,7 +102,8 @@ impl Header {
     /// The bytes of the header, the last eight of which are the checksum of the others.
     pub fn encoded(&self) -> Vec<u8> {
         let mut out = Writer(PAGE_FILE_SIGNATURE.to_vec());
-        out.u32(VERSIONS[usize::from(self.levels.is_some())]);
+        let most_degree = self.statistics.sh_degree.max(USUAL_SH_DEGREE);
+        out.u32(VERSIONS[usize::from(most_degree > USUAL_SH_DEGREE)][usize::from(self.levels.is_some())]);
         out.u32(PAGE as u32);
         let places = [self.file_bytes(), self.geometry_at, self.colours_at, self.table_checksum];
         places.into_iter().for_each(|value| out.u64(value));
@@ -107,8 +111,8 @@ impl Header {
         out.u32(self.is_antialiased.into());
         let LoadReport { read, not_finite, zero_rotation, transparent, clamped_scale } = self.report;
         [read, not_finite, zero_rotation, transparent, clamped_scale].iter().for_each(|n| out.u64(*n as u64));
-        put_statistics(&self.statistics, &mut out);
-        put_layout(&self.layout, &mut out);
+        put_statistics(&self.statistics, most_degree, &mut out);
+        put_layout(&self.layout, most_degree, &mut out);
         out.text(&self.title, MOST_TEXT);
         out.text(&self.format, MOST_TEXT);
         if let Some(LodSections { pages, words_at, table_at, checksum }) = self.levels {
@@ -129,8 +133,10 @@ impl Header {
         ensure!(content.starts_with(&PAGE_FILE_SIGNATURE), "it does not begin as a page file does");
         let mut from = Reader(&content[PAGE_FILE_SIGNATURE.len()..]);
         let version = from.u32()?;
-        let [plain, with_levels] = VERSIONS;
-        ensure!(VERSIONS.contains(&version), "its version is {version}, and smalto reads {plain} and {with_levels}");
+        let known =
+            VERSIONS.iter().zip([USUAL_SH_DEGREE, MAX_SH_DEGREE]).find(|(of_degree, _)| of_degree.contains(&version));
+        let ([_, with_levels], most_degree) =
+            known.with_context(|| format!("its version is {version}, and smalto reads 1 to 4"))?;
         ensure!(checksum == XxHash3_64::oneshot(content).to_le_bytes(), "bytes 0 to {HEADER}, the header, are damaged");
         let page = from.u32()?;
         ensure!(page == PAGE as u32, "its pages hold {page} Gaussians, and smalto reads pages of {PAGE}");
@@ -146,10 +152,10 @@ impl Header {
             transparent: from.u64()? as usize,
             clamped_scale: from.u64()? as usize,
         };
-        let statistics = take_statistics(&mut from)?;
-        let layout = take_layout(&mut from)?;
+        let statistics = take_statistics(&mut from, most_degree)?;
+        let layout = take_layout(&mut from, most_degree)?;
         let (title, format) = (from.text()?, from.text()?);
-        let levels = match version == with_levels {
+        let levels = match version == *with_levels {
             false => None,
             true => Some(LodSections {
                 pages: usize::try_from(from.u64()?)?,
@@ -198,15 +204,13 @@ impl Header {
             }
         };
         ensure!(are_apart && are_aligned && end == Some(file_bytes), "the places of its parts contradict each other");
-        ensure!(
-            self.layout.sh_degree <= self.statistics.sh_degree && self.statistics.sh_degree <= MAX_SH_DEGREE,
-            "its SH degrees contradict each other"
-        );
+        ensure!(self.layout.sh_degree <= self.statistics.sh_degree, "its SH degrees contradict each other");
         Ok(())
     }
 }
 
-fn put_statistics(statistics: &Statistics, out: &mut Writer) {
+fn put_statistics(statistics: &Statistics, most_degree: u32, out: &mut Writer) {
+    let (coefficients, degrees) = (sh_coefficients(most_degree), most_degree as usize + 1);
     let Statistics { count, sh_degree, extent, focus, requirements, scales, is_flat, highest_opacity, .. } = statistics;
     out.u64(*count as u64);
     out.u32(*sh_degree);
@@ -216,23 +220,27 @@ fn put_statistics(statistics: &Statistics, out: &mut Writer) {
     out.f64s(&[focus.radius]);
     let Requirements { sh_degree, bands, brightest, sh_grids, scale_grid } = requirements;
     out.u32(*sh_degree);
-    bands.iter().for_each(|band| out.f64s(&[band.bound, band.rms]));
+    bands[..degrees].iter().for_each(|band| out.f64s(&[band.bound, band.rms]));
     out.f64s(&[*brightest]);
     out.u32(sh_grids.is_some().into());
-    sh_grids.unwrap_or([Grid::UNUSED; 16]).iter().for_each(|grid| out.f32s(&[grid.offset, grid.step]));
+    put_grids(&sh_grids.unwrap_or([Grid::UNUSED; _])[..coefficients], out);
     out.u32(scale_grid.is_some().into());
-    let grid = scale_grid.unwrap_or(Grid::UNUSED);
-    out.f32s(&[grid.offset, grid.step]);
+    put_grids(&[scale_grid.unwrap_or(Grid::UNUSED)], out);
     out.f32s(scales);
     out.u32((*is_flat).into());
     out.f32s(&[*highest_opacity]);
-    out.f32s(statistics.sh.as_flattened());
-    out.f64s(&statistics.half_errors);
+    out.f32s(statistics.sh[..coefficients].as_flattened());
+    out.f64s(&statistics.half_errors[..degrees]);
 }
 
-fn grids<const N: usize>(from: &mut Reader) -> Result<[Grid; N]> {
+fn put_grids(grids: &[Grid], out: &mut Writer) {
+    grids.iter().for_each(|grid| out.f32s(&[grid.offset, grid.step]));
+}
+
+/// The first `count` of `N` grids; the others are not used.
+fn grids<const N: usize>(from: &mut Reader, count: usize) -> Result<[Grid; N]> {
     let mut grids = [Grid::UNUSED; N];
-    for grid in &mut grids {
+    for grid in &mut grids[..count] {
         let [offset, step] = from.f32s()?;
         ensure!(offset.is_finite() && step.is_finite() && step > 0.0, "a grid begins at {offset} with steps of {step}");
         *grid = Grid { offset, step };
@@ -240,31 +248,32 @@ fn grids<const N: usize>(from: &mut Reader) -> Result<[Grid; N]> {
     Ok(grids)
 }
 
-fn degree(from: &mut Reader) -> Result<u32> {
+fn degree(from: &mut Reader, most: u32) -> Result<u32> {
     let degree = from.u32()?;
-    ensure!(degree <= MAX_SH_DEGREE, "its SH degree is {degree}");
+    ensure!(degree <= most, "its SH degree is {degree}");
     Ok(degree)
 }
 
-fn take_statistics(from: &mut Reader) -> Result<Statistics> {
+fn take_statistics(from: &mut Reader, most_degree: u32) -> Result<Statistics> {
+    let (coefficients, degrees) = (sh_coefficients(most_degree), most_degree as usize + 1);
     let count = usize::try_from(from.u64()?)?;
-    let sh_degree = degree(from)?;
+    let sh_degree = degree(from, most_degree)?;
     let extent = Bounds { low: from.f32s()?, high: from.f32s()? };
     let (centre, [radius]) = (from.f64s()?, from.f64s()?);
-    let needed = degree(from)?;
-    let mut bands = [Band::default(); 4];
-    for band in &mut bands {
+    let needed = degree(from, most_degree)?;
+    let mut bands = [Band::default(); _];
+    for band in &mut bands[..degrees] {
         let [bound, rms] = from.f64s()?;
         *band = Band { bound, rms };
     }
     let [brightest] = from.f64s()?;
-    let (has_sh, sh_grids) = (from.flag()?, grids::<16>(from)?);
-    let (has_scale, [scale_grid]) = (from.flag()?, grids::<1>(from)?);
+    let (has_sh, sh_grids) = (from.flag()?, grids(from, coefficients)?);
+    let (has_scale, [scale_grid]) = (from.flag()?, grids(from, 1)?);
     let scales = from.f32s()?;
     let is_flat = from.flag()?;
     let [highest_opacity] = from.f32s()?;
-    let mut sh = [[0.0; 2]; 16];
-    for range in &mut sh {
+    let mut sh = [NOTHING; _];
+    for range in &mut sh[..coefficients] {
         *range = from.f32s()?;
     }
     let requirements = Requirements {
@@ -275,14 +284,18 @@ fn take_statistics(from: &mut Reader) -> Result<Statistics> {
         scale_grid: has_scale.then_some(scale_grid),
     };
     let focus = Focus { centre, radius };
-    let half_errors = from.f64s()?;
+    let mut half_errors = [0.0; MAX_SH_DEGREE as usize + 1];
+    for l in 0..half_errors.len() {
+        // Degrees that a scene does not have add nothing.
+        half_errors[l] = if l < degrees { from.f64s::<1>()?[0] } else { half_errors[degrees - 1] };
+    }
     let is_place = centre.iter().all(|v: &f64| v.is_finite()) && radius.is_finite() && radius > 0.0;
     let is_box = (0..3).all(|i| extent.low[i] <= extent.high[i]);
     ensure!(is_place && is_box && brightest.is_finite(), "its statistics are not those of a scene");
     Ok(Statistics { count, sh_degree, extent, focus, requirements, scales, is_flat, highest_opacity, sh, half_errors })
 }
 
-fn put_layout(layout: &Layout, out: &mut Writer) {
+fn put_layout(layout: &Layout, most_degree: u32, out: &mut Writer) {
     out.u32(layout.sh_degree);
     for Packing { storage, is_lossless } in [layout.sh, layout.shape] {
         out.u32(match storage {
@@ -293,15 +306,16 @@ fn put_layout(layout: &Layout, out: &mut Writer) {
         out.u32(is_lossless.into());
     }
     let (sh, scale) = layout.grids();
-    sh.iter().chain([&scale]).for_each(|grid| out.f32s(&[grid.offset, grid.step]));
+    put_grids(&sh[..sh_coefficients(most_degree)], out);
+    put_grids(&[scale], out);
     out.u32(layout.scale_base());
     out.u32(layout.has_clamped_alphas.into());
     out.f64s(&[layout.brightest]);
     out.u32(layout.is_bright().into());
 }
 
-fn take_layout(from: &mut Reader) -> Result<Layout> {
-    let sh_degree = degree(from)?;
+fn take_layout(from: &mut Reader, most_degree: u32) -> Result<Layout> {
+    let sh_degree = degree(from, most_degree)?;
     let mut packing = || -> Result<Packing> {
         let storage = match from.u32()? {
             0 => Storage::F32,
@@ -312,7 +326,7 @@ fn take_layout(from: &mut Reader) -> Result<Layout> {
         Ok(Packing { storage, is_lossless: from.flag()? })
     };
     let (sh, shape) = (packing()?, packing()?);
-    let (sh_grids, [scale_grid]) = (grids(from)?, grids(from)?);
+    let (sh_grids, [scale_grid]) = (grids(from, sh_coefficients(most_degree))?, grids(from, 1)?);
     let scale_base = from.u32()?;
     ensure!(scale_base <= f32::MAX.to_bits() >> 13, "its base of scales is {scale_base}");
     let has_clamped_alphas = from.flag()?;

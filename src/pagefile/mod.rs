@@ -24,7 +24,7 @@ pub mod write;
 pub use fault::{ReadFault, simulate};
 pub use header::{HEADER, Header, LodSections};
 pub use nodes::nodes_of;
-pub use page::{Entry, PADDING, PAGE, Page, PageRecord, PageWords};
+pub use page::{Entry, PADDING, PAGE, Page, PageWords};
 pub use page_lod::{LEVEL_WORDS, NO_NODE, NO_PAGE, PARTS, PageLod, SAMPLES, level_words};
 pub use pages::Pages;
 pub use read_whole::read;

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::packing::{Layout, Shape, pack_sh, pack_shapes, put, reach, share, take};
+use crate::packing::{Layout, MAX_FLOATS, Shape, pack_sh, pack_shapes, plane_widths, put, reach, take};
 
 /// Gaussians of a page.
 pub const PAGE: usize = 1024;
@@ -127,15 +127,6 @@ impl Entry {
     }
 }
 
-/// The words of a Gaussian in a page.
-#[derive(Clone, Debug)]
-pub struct PageRecord {
-    bounds: [u32; 4],
-    shape: [u32; 8],
-    id: u32,
-    sh: [u32; 48],
-}
-
 /// The layout of the words of a page. Its geometry is a plane of bounds, the planes of shapes and a plane of indices;
 /// its colours are the planes of spherical harmonics.
 #[derive(Clone, Debug)]
@@ -153,12 +144,12 @@ pub struct PageWords {
 impl PageWords {
     pub fn of(layout: &Layout) -> Self {
         let planes = |words: usize, mut start: usize| -> Vec<Range<usize>> {
-            let plane = |i: usize| {
-                let range = start..start + 4 * PAGE / share(words, i);
+            let plane = |width: usize| {
+                let range = start..start + width * PAGE;
                 start = range.end;
                 range
             };
-            (0..words.div_ceil(4)).map(plane).collect()
+            plane_widths(words).map(plane).collect()
         };
         let (shape_words, sh_words) = (layout.shape_words(), layout.sh_words());
         let shapes = planes(shape_words, 4 * PAGE);
@@ -192,8 +183,8 @@ impl PageWords {
     }
 
     /// The words of the spherical harmonics of Gaussian `k` of a page.
-    pub fn sh_of(&self, colours: &[u32], k: usize) -> [u32; 48] {
-        let mut words = [0; 48];
+    pub fn sh_of(&self, colours: &[u32], k: usize) -> [u32; MAX_FLOATS] {
+        let mut words = [0; MAX_FLOATS];
         take(self.sh.iter().map(|plane| &colours[plane.clone()]), k, &mut words[..self.sh_words]);
         words
     }
@@ -219,18 +210,21 @@ impl PageWords {
         pack_shapes(layout, alpha_min, shape, bounds, &mut split(&self.shapes, shapes));
     }
 
-    /// The words of Gaussian `k` of a page.
-    pub fn record(&self, geometry: &[u32], colours: &[u32], k: usize) -> PageRecord {
-        PageRecord {
-            bounds: std::array::from_fn(|i| geometry[4 * k + i]),
-            shape: self.shape_of(geometry, k),
-            id: geometry[self.ids.start + k],
-            sh: self.sh_of(colours, k),
-        }
+    /// Number of words of a record.
+    pub fn record_words(&self) -> usize {
+        4 + 1 + self.shape_words + self.sh_words
     }
 
-    /// Fills the geometry and the colours of a page with these words. The other places are padded.
-    pub fn fill_records(&self, records: &[&PageRecord], geometry: &mut [u32], colours: &mut [u32]) {
+    /// Appends the record of Gaussian `k` of a page: all of its words.
+    pub fn append_record(&self, geometry: &[u32], colours: &[u32], k: usize, records: &mut Vec<u32>) {
+        records.extend_from_slice(&geometry[4 * k..][..4]);
+        records.push(geometry[self.ids.start + k]);
+        records.extend_from_slice(&self.shape_of(geometry, k)[..self.shape_words]);
+        records.extend_from_slice(&self.sh_of(colours, k)[..self.sh_words]);
+    }
+
+    /// Fills the geometry and the colours of a page with records. The other places are padded.
+    pub fn fill_records(&self, records: &[&[u32]], geometry: &mut [u32], colours: &mut [u32]) {
         geometry.fill(0);
         colours.fill(0);
         let (bounds, rest) = geometry.split_at_mut(4 * PAGE);
@@ -239,10 +233,12 @@ impl PageWords {
         bounds.as_chunks_mut().0.iter_mut().for_each(|bounds: &mut [u32; 4]| bounds[3] = NEVER_DRAWN.to_bits());
         let (mut shapes, mut sh) = (split(&self.shapes, shapes), split(&self.sh, colours));
         for (k, record) in records.iter().enumerate() {
-            bounds[4 * k..][..4].copy_from_slice(&record.bounds);
-            ids[k] = record.id;
-            put(&mut shapes, k, self.shape_words, |word| record.shape[word]);
-            put(&mut sh, k, self.sh_words, |word| record.sh[word]);
+            let (own_bounds, rest) = record.split_at(4);
+            bounds[4 * k..][..4].copy_from_slice(own_bounds);
+            ids[k] = rest[0];
+            let (own_shape, own_sh) = rest[1..].split_at(self.shape_words);
+            put(&mut shapes, k, self.shape_words, |word| own_shape[word]);
+            put(&mut sh, k, self.sh_words, |word| own_sh[word]);
         }
     }
 

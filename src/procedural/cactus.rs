@@ -12,7 +12,7 @@ use glam::{DMat3, DQuat, DVec3, dvec3};
 use crate::host_memory::OutOfMemory;
 use crate::scene::Random;
 use crate::scene::harmonics::{C0, basis};
-use crate::scene::{Builder, Gaussians, LoadReport, MAX_SH_DEGREE, Raw, Scene, logit};
+use crate::scene::{Builder, Gaussians, LoadReport, Raw, Scene, USUAL_SH_DEGREE, logit};
 
 /// Number of Gaussians of the coarsest of the four levels of detail in the paper.
 pub const DEFAULT_COUNT: usize = 139_410;
@@ -38,7 +38,7 @@ pub(crate) fn fill_parts(
     range: Range<usize>,
     shadow: fn(DVec3) -> f64,
 ) -> Result<(Gaussians, LoadReport), OutOfMemory> {
-    let mut builder = Builder::new(MAX_SH_DEGREE, range.len())?;
+    let mut builder = Builder::new(USUAL_SH_DEGREE, range.len())?;
     let weight: f64 = parts.iter().map(|p| p.share).sum();
     let (mut begin, mut share) = (0, 0.0);
     for part in parts {

@@ -5,12 +5,13 @@ use super::shaders::shared::{STORED_F16, STORED_F32, STORED_U8};
 use super::shaders::{SharedConstants, pages, shared};
 use crate::lod::{CODES_PER_OCTAVE, LOWEST_EXPONENT};
 use crate::options::{Options, Storage};
-use crate::packing::{Layout, Packing};
+use crate::packing::{Layout, Packing, SH_PLANES};
 use crate::pagefile::PAGE;
 use crate::rules::Order;
 
 // Numbers that modules below this one and shaders both have.
 const _: () = assert!(PAGE == pages::PAGE as usize);
+const _: () = assert!(SH_PLANES == shared::SH_PLANES as usize);
 const _: () = assert!(CODES_PER_OCTAVE == shared::CODES_PER_OCTAVE as f64);
 const _: () = assert!(LOWEST_EXPONENT == shared::CODE_LOWEST_EXPONENT as f64);
 

@@ -171,7 +171,7 @@ struct Canonical {
     opacity: f32,
 }
 
-/// Upper bound on a coefficient: the sum of sixteen of them times their basis functions does not overflow.
+/// Upper bound on a coefficient: the sum of all of them times their basis functions does not overflow.
 const MAX_SH: f32 = 1e36;
 
 /// Upper bound on a coordinate: the camera that frames such a scene is within 32-bit floats, too.

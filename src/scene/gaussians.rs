@@ -3,7 +3,10 @@
 use crate::host_memory::{OutOfMemory, host_zeros};
 
 /// Highest supported degree of spherical harmonics.
-pub const MAX_SH_DEGREE: u32 = 3;
+pub const MAX_SH_DEGREE: u32 = 4;
+
+/// The degree that the original 3DGS trains, and the highest that most formats hold.
+pub const USUAL_SH_DEGREE: u32 = 3;
 
 /// Number of coefficients of spherical harmonics up to `degree`, for one colour channel.
 pub const fn sh_coefficients(degree: u32) -> usize {

@@ -5,6 +5,8 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
+use super::{MAX_SH_DEGREE, sh_coefficients};
+
 /// The basis function of degree 0, a constant.
 pub const C0: f64 = 0.28209479177387814;
 const C1: f64 = 0.4886025119029199;
@@ -19,9 +21,23 @@ const C3: [f64; 7] = [
     1.445305721320277,
     -0.5900435899266435,
 ];
+const C4: [f64; 9] = [
+    2.5033429417967046,
+    -1.7701307697799304,
+    0.9461746957575601,
+    -0.6690465435572892,
+    0.10578554691520431,
+    -0.6690465435572892,
+    0.47308734787878004,
+    -1.7701307697799304,
+    0.6258357354491761,
+];
 
-/// All 16 basis functions up to degree 3 in the unit direction x y z.
-pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
+/// Number of the basis functions.
+const FUNCTIONS: usize = sh_coefficients(MAX_SH_DEGREE);
+
+/// All basis functions, up to degree 4, in the unit direction x y z.
+pub fn basis([x, y, z]: [f64; 3]) -> [f64; FUNCTIONS] {
     let (xx, yy, zz) = (x * x, y * y, z * z);
     [
         C0,
@@ -40,12 +56,27 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
         C3[4] * x * (4.0 * zz - xx - yy),
         C3[5] * z * (xx - yy),
         C3[6] * x * (xx - 3.0 * yy),
+        C4[0] * x * y * (xx - yy),
+        C4[1] * y * z * (3.0 * xx - yy),
+        C4[2] * x * y * (6.0 * zz - xx - yy),
+        C4[3] * y * z * (4.0 * zz - 3.0 * xx - 3.0 * yy),
+        C4[4] * (8.0 * zz * (zz - 3.0 * xx - 3.0 * yy) + 3.0 * (xx + yy) * (xx + yy)),
+        C4[5] * x * z * (4.0 * zz - 3.0 * xx - 3.0 * yy),
+        C4[6] * (xx - yy) * (6.0 * zz - xx - yy),
+        C4[7] * x * z * (xx - 3.0 * yy),
+        C4[8] * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)),
     ]
 }
 
 /// Axes in which each basis function is odd.
-const ODD_AXES: [&[usize]; 16] =
-    [&[], &[1], &[2], &[0], &[0, 1], &[1, 2], &[], &[0, 2], &[], &[1], &[0, 1, 2], &[1], &[2], &[0], &[2], &[0]];
+#[rustfmt::skip]
+const ODD_AXES: [&[usize]; FUNCTIONS] = [
+    &[],
+    &[1], &[2], &[0],
+    &[0, 1], &[1, 2], &[], &[0, 2], &[],
+    &[1], &[0, 1, 2], &[1], &[2], &[0], &[2], &[0],
+    &[0, 1], &[1, 2], &[0, 1], &[1, 2], &[], &[0, 2], &[], &[0, 2], &[],
+];
 
 /// Sign of the coefficient of basis function `index` when these axes are reversed.
 pub fn flip_sign(index: usize, axes: [bool; 3]) -> f32 {
@@ -53,27 +84,29 @@ pub fn flip_sign(index: usize, axes: [bool; 3]) -> f32 {
     if flips % 2 == 1 { -1.0 } else { 1.0 }
 }
 
-/// The matrix that rotates coefficients with a scene. Degrees do not mix: it has blocks of size 1, 3, 5 and 7.
-pub struct Turn([[f64; 16]; 16]);
+/// The matrix that rotates coefficients with a scene. Degrees do not mix: it has blocks of size 1, 3, 5, 7 and 9.
+pub struct Turn([[f64; FUNCTIONS]; FUNCTIONS]);
 
 impl Turn {
     /// The rotated basis projected on the basis: row j, column i is the integral of Y_j(d) Y_i(R^-1 d) over the sphere.
-    /// The product is a polynomial of degree 6 or less, for which 4 Gauss-Legendre nodes in z times 8 equal steps of
+    /// The product is a polynomial of degree 8 or less, for which 5 Gauss-Legendre nodes in z times 9 equal steps of
     /// azimuth are exact (Abramowitz and Stegun 1964, 25.4.30). `rotation` must have unit length.
     pub fn new(rotation: DQuat) -> Self {
-        let (inner, outer) = ((18.0 + 30_f64.sqrt()) / 36.0, (18.0 - 30_f64.sqrt()) / 36.0);
-        let node = |sign: f64| (3.0 / 7.0 + sign * 2.0 / 7.0 * 1.2_f64.sqrt()).sqrt();
-        let nodes = [(node(-1.0), inner), (-node(-1.0), inner), (node(1.0), outer), (-node(1.0), outer)];
+        const STEPS: u32 = 2 * MAX_SH_DEGREE + 1;
+        let weight = |sign: f64| (322.0 + sign * 13.0 * 70_f64.sqrt()) / 900.0;
+        let node = |sign: f64| (5.0 + sign * 2.0 * (10.0_f64 / 7.0).sqrt()).sqrt() / 3.0;
+        let (inner, outer) = ((node(-1.0), weight(1.0)), (node(1.0), weight(-1.0)));
+        let nodes = [(0.0, 128.0 / 225.0), inner, (-inner.0, inner.1), outer, (-outer.0, outer.1)];
         let back = rotation.conjugate();
-        let mut matrix = [[0.0; 16]; 16];
+        let mut matrix = [[0.0; FUNCTIONS]; FUNCTIONS];
         for (z, weight) in nodes {
-            for step in 0..8 {
-                let (sin, cos) = (TAU * f64::from(step) / 8.0).sin_cos();
+            for step in 0..STEPS {
+                let (sin, cos) = (TAU * f64::from(step) / f64::from(STEPS)).sin_cos();
                 let r = (1.0 - z * z).sqrt();
                 let direction = DVec3::new(r * cos, r * sin, z);
                 let (values, turned) = (basis(direction.to_array()), basis((back * direction).to_array()));
                 for (row, a) in matrix.iter_mut().zip(values) {
-                    row.iter_mut().zip(turned).for_each(|(sum, b)| *sum += weight * TAU / 8.0 * a * b);
+                    row.iter_mut().zip(turned).for_each(|(sum, b)| *sum += weight * TAU / f64::from(STEPS) * a * b);
                 }
             }
         }
@@ -85,7 +118,7 @@ impl Turn {
         let mut degree = 1;
         while degree * degree < sh.len() {
             let band = degree * degree..(degree + 1) * (degree + 1);
-            let mut before = [[0.0; 3]; 7];
+            let mut before = [[0.0; 3]; 2 * MAX_SH_DEGREE as usize + 1];
             before.iter_mut().zip(&sh[band.clone()]).for_each(|(wide, k)| *wide = k.map(f64::from));
             for j in band.clone() {
                 let turned = self.0[j][band.clone()].iter().zip(before);
@@ -122,8 +155,53 @@ mod tests {
         for direction in [DVec3::X, DVec3::NEG_Y, DVec3::new(1.0, -2.0, 0.5).normalize()] {
             let (now, before) = (basis(direction.to_array()), basis((rotation.conjugate() * direction).to_array()));
             for (i, expected) in before.iter().enumerate() {
-                let sum: f64 = (0..16).map(|j| matrix[j][i] * now[j]).sum();
+                let sum: f64 = (0..FUNCTIONS).map(|j| matrix[j][i] * now[j]).sum();
                 assert!((sum - expected).abs() < 1e-13, "{i}");
+            }
+        }
+    }
+
+    /// The closed formula of every basis function (Sloan 2013, appendix A1): the associated Legendre polynomial times a
+    /// sine or cosine of the azimuth, with the sign (-1)^m.
+    #[test]
+    fn harmonics_are_legendre_functions_times_waves() {
+        for direction in [[0.3, -0.5, 0.7], [-0.8, 0.1, -0.2], [0.1, 0.9, 0.4]].map(DVec3::from) {
+            let direction = direction.normalize();
+            let azimuth = direction.y.atan2(direction.x);
+            for (i, value) in basis(direction.to_array()).iter().enumerate() {
+                let l = i.isqrt() as i32;
+                let m = i as i32 - l * (l + 1);
+                let factorial = |n: i32| (1..=n).map(f64::from).product::<f64>();
+                let order = m.abs();
+                let ratio = factorial(l - order) / factorial(l + order);
+                let scale =
+                    (f64::from(2 * l + 1) / (2.0 * TAU) * ratio).sqrt() * if m == 0 { 1.0 } else { 2_f64.sqrt() };
+                let wave = if m < 0 { (f64::from(order) * azimuth).sin() } else { (f64::from(m) * azimuth).cos() };
+                let expected = scale * legendre(l, order, direction.z) * wave;
+                assert!((value - expected).abs() < 1e-14, "{i}: {value}, not {expected}");
+            }
+        }
+    }
+
+    /// The associated Legendre polynomial with the sign (-1)^m, by its recurrence in the degree.
+    fn legendre(l: i32, m: i32, z: f64) -> f64 {
+        let mut last = 0.0;
+        let mut value = (0..m).fold(1.0, |product, k| -product * f64::from(2 * k + 1) * (1.0 - z * z).sqrt());
+        for degree in m + 1..=l {
+            let next = f64::from(2 * degree - 1) * z * value - f64::from(degree + m - 1) * last;
+            (last, value) = (value, next / f64::from(degree - m));
+        }
+        value
+    }
+
+    #[test]
+    fn a_reversed_axis_changes_the_signs_of_odd_functions() {
+        let direction = [0.3, -0.5, 0.7];
+        let values = basis(direction);
+        for reversed in [[true, false, false], [false, true, false], [false, false, true], [false, true, true]] {
+            let mirrored = basis(std::array::from_fn(|i| if reversed[i] { -direction[i] } else { direction[i] }));
+            for (i, (value, before)) in mirrored.iter().zip(values).enumerate() {
+                assert_eq!(*value, before * f64::from(flip_sign(i, reversed)), "{i}");
             }
         }
     }
@@ -132,7 +210,7 @@ mod tests {
     #[test]
     fn harmonics_are_orthonormal() {
         let (rings, steps) = (200, 400);
-        let mut products = [[0.0; 16]; 16];
+        let mut products = [[0.0; FUNCTIONS]; FUNCTIONS];
         for ring in 0..rings {
             let z = (ring as f64 + 0.5) / rings as f64 * 2.0 - 1.0;
             for step in 0..steps {

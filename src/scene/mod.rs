@@ -34,7 +34,7 @@ mod watch;
 
 pub use bounds::{Bounds, Focus};
 pub use canonical::{Builder, Raw};
-pub use gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
+pub use gaussians::{Gaussians, MAX_SH_DEGREE, USUAL_SH_DEGREE, sh_coefficients};
 pub use instances::SceneInstances;
 pub use loaded::{LoadReport, NoLevel, Scene, SceneLevel, Unreadable, remarks};
 pub use transform::Transform;

@@ -151,18 +151,21 @@ fn is_in_few_bits(rotation: &[f32; 4]) -> bool {
 
 /// For one channel of a Gaussian: per SH degree, the bound and the mean square of its part; and the bound of the
 /// channel.
-fn of_channel(sh: &[[f32; 3]], channel: usize) -> ([Band; 4], f64) {
-    let bands = bands(|i| sh.get(i).map_or(0.0, |k| k[channel].into()));
+fn of_channel(sh: &[[f32; 3]], channel: usize) -> ([Band; MAX_SH_DEGREE as usize + 1], f64) {
+    let bands = bands(sh.len(), |i| sh[i][channel].into());
     let brightest = 0.5 + harmonics::C0 * f64::from(sh[0][channel]) + bands[1..].iter().sum::<f64>();
     // The mean square of a basis function over the directions is 1 / 4 pi.
     (std::array::from_fn(|l| Band { bound: bands[l], rms: bands[l].powi(2) / (2 * l + 1) as f64 }), brightest)
 }
 
-/// Upper bound on the part of each SH degree in a channel with these coefficients. By Cauchy-Schwarz it is the length
+/// Upper bound on the part of each SH degree in a channel with these `count` coefficients. By Cauchy-Schwarz it is the length
 /// of the coefficients times that of the basis functions, whose squares sum to (2 l + 1) / 4 pi in every direction (the
 /// addition theorem).
-pub fn bands(coefficient: impl Fn(usize) -> f64) -> [f64; MAX_SH_DEGREE as usize + 1] {
+pub fn bands(count: usize, coefficient: impl Fn(usize) -> f64) -> [f64; MAX_SH_DEGREE as usize + 1] {
     std::array::from_fn(|l| {
+        if l * l >= count {
+            return 0.0;
+        }
         let squares: f64 = (l * l..(l + 1) * (l + 1)).map(|i| coefficient(i).powi(2)).sum();
         (squares * (2 * l + 1) as f64 / (4.0 * PI)).sqrt()
     })

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 
 use super::pages::{self, STORAGES};
-use super::target::is_same;
+use super::target::{is_same, kept_degree};
 use super::{Edits, Inputs, Target, WritingArgs, formats, say_written, write_scene};
 use crate::cli::headings::OUTPUT;
 use crate::cli::scenes::{ReadingArgs, SceneArg};
@@ -13,7 +13,7 @@ use crate::cli::sink::Sink;
 use crate::cli::values::whole;
 use crate::cli::{Usage, one_of, progress};
 use crate::files::{Checkpoint, is_stdout};
-use crate::formats::{LOD_META, Streamed, WrittenLevels, write_streamed_sog};
+use crate::formats::{LOD_META, SceneFile, Streamed, WrittenLevels, write_streamed_sog};
 use crate::measure::prune::Written;
 use crate::options::Options;
 use crate::pagefile::write::subtrees;
@@ -144,8 +144,16 @@ fn streamed_sog(args: &Args) -> Result<()> {
             },
         )?;
         let format = format!("streamed SOG, {} levels, the coarsest of {}", counts.len(), counts[counts.len() - 1]);
-        let (file, sh_degree) = (output.display().to_string(), file.statistics().sh_degree);
-        Ok(Written { file, format, bytes, gaussians: counts[0], sh_degree, transparent, loss })
+        let sh_degree = kept_degree(output, SceneFile::SogFolder, file.statistics().sh_degree);
+        Ok(Written {
+            file: output.display().to_string(),
+            format,
+            bytes,
+            gaussians: counts[0],
+            sh_degree,
+            transparent,
+            loss,
+        })
     })?;
     say_written(written, 0, json.as_ref())
 }

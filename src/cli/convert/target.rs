@@ -8,7 +8,7 @@ use anyhow::{Result, ensure};
 use crate::cli::sink::Sink;
 use crate::cli::{REPORTS_TO_STDOUT, Usage, progress, remark};
 use crate::files::{check_absent, check_binary_writable, is_stdout};
-use crate::formats::{FORMATS, Format, LOD_META, SceneFile, Writer, WrittenFile, in_folder, write_file};
+use crate::formats::{FORMATS, Format, LOD_META, Loss, SceneFile, Writer, WrittenFile, in_folder, write_file};
 use crate::measure::prune::Written;
 use crate::scene::Gaussians;
 
@@ -112,23 +112,30 @@ pub(in crate::cli) fn write_scene(
             output.display()
         ));
     }
+    let sh_degree = kept_degree(output, kind, gaussians.sh_degree());
+    let left_out = Loss::left_out(&gaussians, sh_degree);
     let arranged = kind.arranged(&gaussians)?;
     let transparent = gaussians.len() - arranged.len();
-    let lost_degrees = arranged.sh_degree() < gaussians.sh_degree();
     ensure!(!arranged.is_empty(), "the format rounds the opacity of all {} Gaussians to 0", gaussians.len());
     drop(gaussians);
-    if lost_degrees {
-        remark(&format!(
-            "warning: {}: the format holds spherical harmonics up to degree {} only",
-            output.display(),
-            arranged.sh_degree()
-        ));
-    }
     let bar = progress::Bar::new("reading back");
     let written = write_file(output, kind, &arranged, is_antialiased, &|fraction| bar.set(fraction))?;
-    let WrittenFile { format, bytes, loss } = written;
-    let (file, sh_degree) = (output.display().to_string(), arranged.sh_degree());
+    let WrittenFile { format, bytes, mut loss } = written;
+    loss.extend(left_out);
+    let file = output.display().to_string();
     Ok(Written { file, format, bytes, gaussians: arranged.len(), sh_degree, transparent, loss })
+}
+
+/// The SH degree of a scene of this degree that a format keeps. Prints a warning if it is lower.
+pub(super) fn kept_degree(output: &Path, kind: SceneFile, sh_degree: u32) -> u32 {
+    let kept = sh_degree.min(kind.most_sh_degree());
+    if kept < sh_degree {
+        remark(&format!(
+            "warning: {}: the format holds spherical harmonics up to degree {kept} only",
+            output.display()
+        ));
+    }
+    kept
 }
 
 /// True if the scene `input`, a file or a folder, is in the file `output`.

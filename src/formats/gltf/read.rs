@@ -12,7 +12,8 @@ use super::buffers;
 use super::buffers::Buffer;
 use crate::formats::input::{Input, checked_count, word};
 use crate::scene::{
-    BLOCK, Builder, Gaussians, LoadReport, MAX_SH_DEGREE, RIGHT_UP_BACK, Raw, Scene, Transform, logit, sh_coefficients,
+    BLOCK, Builder, Gaussians, LoadReport, RIGHT_UP_BACK, Raw, Scene, Transform, USUAL_SH_DEGREE, logit,
+    sh_coefficients,
 };
 
 pub(crate) const MAGIC: u32 = 0x4654_6c67; // "glTF"
@@ -325,8 +326,12 @@ impl<'b> Part<'b> {
         };
         let (mut sh, mut sh_degree) = (vec![values(&own("SH_DEGREE_0_COEF_0"), 3)?], 0);
         let has = |degree: u32| primitive.attributes.contains_key(&own(&format!("SH_DEGREE_{degree}_COEF_0")));
-        ensure!(!has(MAX_SH_DEGREE + 1), "SH degree {} is not supported, only 0 to {MAX_SH_DEGREE}", MAX_SH_DEGREE + 1);
-        while sh_degree < MAX_SH_DEGREE && has(sh_degree + 1) {
+        ensure!(
+            !has(USUAL_SH_DEGREE + 1),
+            "SH degree {} is not supported, only 0 to {USUAL_SH_DEGREE}",
+            USUAL_SH_DEGREE + 1
+        );
+        while sh_degree < USUAL_SH_DEGREE && has(sh_degree + 1) {
             sh_degree += 1;
             for i in 0..2 * sh_degree + 1 {
                 sh.push(values(&own(&format!("SH_DEGREE_{sh_degree}_COEF_{i}")), 3)?);

@@ -7,7 +7,7 @@ use super::header::{Element, Property, Scalar};
 use super::rows::{binary_rows, skip};
 use crate::formats::input::Input;
 use crate::scene::harmonics::C0;
-use crate::scene::{BLOCK, Builder, MAX_SH_DEGREE, Raw, Scene, from_smallest_three, logit, rest_values};
+use crate::scene::{BLOCK, Builder, Raw, Scene, USUAL_SH_DEGREE, from_smallest_three, logit, rest_values};
 
 pub(crate) const CHUNK: usize = 256; // Gaussians that share their minima and maxima
 
@@ -110,7 +110,7 @@ fn read_vertices(input: &mut Input, element: &Element) -> Result<Vec<[u32; 4]>> 
 /// The SH degree, and the SH bytes of all Gaussians one after another.
 fn read_sh(input: &mut Input, element: &Element) -> Result<(u32, Vec<u8>)> {
     let rest = element.run("f_rest_");
-    let degree = (1..=MAX_SH_DEGREE).find(|d| rest_values(*d) == rest);
+    let degree = (1..=USUAL_SH_DEGREE).find(|d| rest_values(*d) == rest);
     let degree = degree.with_context(|| format!("element sh has {rest} f_rest properties, expected 9, 24 or 45"))?;
     let properties = (0..rest).map(|i| of_kind(element, &format!("f_rest_{i}"), Scalar::U8));
     let properties = properties.collect::<Result<Vec<_>>>()?;

@@ -33,7 +33,7 @@ impl<'e> Layout<'e> {
         let rest_count = element.run("f_rest_");
         let sh_degree = (0..=MAX_SH_DEGREE).find(|d| rest_values(*d) == rest_count);
         let sh_degree = sh_degree.with_context(|| {
-            format!("there are {rest_count} f_rest properties; 0, 9, 24 or 45 make SH degree 0, 1, 2 or 3")
+            format!("there are {rest_count} f_rest properties; 0, 9, 24, 45 or 72 make SH degree 0, 1, 2, 3 or 4")
         })?;
         let rest: Vec<String> = (0..rest_count).map(|i| format!("f_rest_{i}")).collect();
         let scales = ["scale_0", "scale_1", "scale_2"];

@@ -4,14 +4,14 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 
 use super::texture::Bounds;
-use crate::scene::{MAX_SH_DEGREE, sh_coefficients};
+use crate::scene::{USUAL_SH_DEGREE, sh_coefficients};
 
 /// Largest `meta.json` in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 24;
 /// Palette entries in a row of the texture that holds them.
 const ENTRIES: u32 = 64;
 /// Texels of the palette texture: at most the entries that 16-bit labels can name.
-pub(crate) const CENTROIDS: Bounds = Bounds { least: 1, most: 65536 * (sh_coefficients(MAX_SH_DEGREE) as u64 - 1) };
+pub(crate) const CENTROIDS: Bounds = Bounds { least: 1, most: 65536 * (sh_coefficients(USUAL_SH_DEGREE) as u64 - 1) };
 
 /// The value of each byte.
 pub(crate) type Table = [f32; 256];
@@ -90,7 +90,7 @@ impl Palette {
     pub fn sh_degree(&self, (width, _): (u32, u32)) -> Result<u32> {
         let wide = |degree: &u32| ENTRIES * (sh_coefficients(*degree) as u32 - 1) == width;
         let name = &self.centroids;
-        let degree = (1..=MAX_SH_DEGREE).find(wide);
+        let degree = (1..=USUAL_SH_DEGREE).find(wide);
         let degree = degree
             .with_context(|| format!("{name} is {width} texels wide, 192, 512 or 960 make SH degree 1, 2 or 3"))?;
         match self.degree {

@@ -136,7 +136,7 @@ impl Writer<'_> {
         let Streamed { parts, levels, .. } = *self.streamed;
         let mut leaves: Vec<(Option<Bound>, BTreeMap<usize, Range>)> = Vec::new();
         leaves.resize_with(parts, || (None, BTreeMap::new()));
-        let (mut counts, mut loss, mut transparent) = (Vec::new(), Vec::new(), 0);
+        let (mut counts, mut loss, mut left_out, mut transparent) = (Vec::new(), Vec::new(), Vec::new(), 0);
         for level in 0..levels {
             counts.push(0);
             let (first, mut lost) = (self.filenames.len(), Vec::new());
@@ -145,6 +145,7 @@ impl Writer<'_> {
                 let arranged = SceneFile::SogFolder.arranged(&nodes)?;
                 if level == 0 {
                     transparent += nodes.len() - arranged.len();
+                    left_out.push((nodes.len(), Loss::left_out(&nodes, arranged.sh_degree())));
                 }
                 let count = arranged.len();
                 // A viewer takes a range without Gaussians for a fault.
@@ -164,7 +165,7 @@ impl Writer<'_> {
             }
             lost.extend(self.finish_unit(level, first)?);
             if level == 0 {
-                loss = Loss::joined(&lost);
+                loss = [Loss::joined(&lost), Loss::joined(&left_out)].concat();
             }
         }
         let leaf = |(bound, lods): (Option<Bound>, _)| bound.map(|bound| Node::Leaf { bound, lods });

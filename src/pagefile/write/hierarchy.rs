@@ -19,7 +19,7 @@ use super::output::{Output, sealed};
 use crate::files::{read_exact_at, write_all_at};
 use crate::lod::{NEVER, Node, Nodes, Simplified, code_of, median, simplify};
 use crate::packing::Shape;
-use crate::pagefile::{LEVEL_WORDS, NO_NODE, NO_PAGE, PADDING, PAGE, PageLod, PageRecord, level_words};
+use crate::pagefile::{LEVEL_WORDS, NO_NODE, NO_PAGE, PADDING, PAGE, PageLod, level_words};
 use crate::scene::Cancelled;
 
 /// The largest opacity that fits into 16-bit floats, with room for rounding.
@@ -144,8 +144,8 @@ impl Hierarchy<'_> {
         Ok(Typical((median(medians) / (STEPS as f64).exp2()).max(LEAST_TYPICAL)))
     }
 
-    /// The Gaussians that are the input of a group of the leaf level, and their words.
-    fn leaf_input(&self, group: usize) -> Result<(Nodes, Vec<PageRecord>)> {
+    /// The Gaussians that are the input of a group of the leaf level, and their records.
+    fn leaf_input(&self, group: usize) -> Result<(Nodes, Vec<u32>)> {
         let begin = group * GROUP_PAGES;
         self.scene_pages(begin..(begin + GROUP_PAGES).min(self.count.div_ceil(PAGE)))
     }
@@ -236,8 +236,8 @@ impl Hierarchy<'_> {
         Ok(())
     }
 
-    /// The Gaussians of some pages of the scene with their packed values, and their words.
-    fn scene_pages(&self, pages: Range<usize>) -> Result<(Nodes, Vec<PageRecord>)> {
+    /// The Gaussians of some pages of the scene with their packed values, and their records.
+    fn scene_pages(&self, pages: Range<usize>) -> Result<(Nodes, Vec<u32>)> {
         let Output { words, layout, .. } = self.output;
         let (mut nodes, mut records) = (Nodes::new(self.sh_degree), Vec::new());
         for page in pages {
@@ -245,7 +245,7 @@ impl Hierarchy<'_> {
             for k in (0..PAGE).filter(|k| geometry[words.ids.start + k] != PADDING) {
                 let Shape { mean, rotation, scale, opacity } = words.unpacked(layout, &geometry, k);
                 nodes.push(Node::leaf(mean, rotation, scale, opacity), &layout.unpacked_sh(&words.sh_of(&colours, k)));
-                records.push(words.record(&geometry, &colours, k));
+                words.append_record(&geometry, &colours, k, &mut records);
             }
         }
         Ok((nodes, records))
@@ -264,10 +264,12 @@ impl Hierarchy<'_> {
     }
 
     /// Writes Gaussians of the scene, in the order of the errors of their parents.
-    fn write_leaves(&self, first: usize, children: &Children, records: &[PageRecord]) -> Result<Vec<(usize, PageLod)>> {
+    fn write_leaves(&self, first: usize, children: &Children, records: &[u32]) -> Result<Vec<(usize, PageLod)>> {
         self.write(first, children, |_, part, geometry, colours| {
-            let records: Vec<&PageRecord> = part.iter().map(|index| &records[*index as usize]).collect();
-            self.output.words.fill_records(&records, geometry, colours);
+            let words = &self.output.words;
+            let each = words.record_words();
+            let records: Vec<&[u32]> = part.iter().map(|index| &records[*index as usize * each..][..each]).collect();
+            words.fill_records(&records, geometry, colours);
         })
     }
 

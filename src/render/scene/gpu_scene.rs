@@ -12,7 +12,7 @@ use crate::camera::Camera;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
-use crate::packing::{Layout, Shape, Statistics, pack_sh, pack_shapes, share};
+use crate::packing::{Layout, SH_PLANES, Shape, Statistics, pack_sh, pack_shapes, plane_widths};
 use crate::pagefile::{LEVEL_WORDS, PAGE, Pages};
 use crate::render::shaders::Grids;
 use crate::render::shaders::lod::WEIGHT_SHIFT;
@@ -20,8 +20,7 @@ use crate::rules::{LISTED_ALPHA, Rules};
 use crate::scene::{Bounds, Gaussians, Grid, SceneInstances, Transform};
 
 /// Gaussians in device memory, in planes with four words per element: one plane of bounds, and as many planes of shapes
-/// and of spherical harmonics as the layout needs. In a last plane with one or two words per Gaussian, four or two
-/// Gaussians share an element. A clone shares the buffers.
+/// and of spherical harmonics as the layout needs ([`plane_widths`]). A clone shares the buffers.
 #[derive(Clone)]
 pub struct GpuScene {
     /// The bits of the mean, and the [`reach`](crate::packing::reach).
@@ -200,11 +199,13 @@ impl GpuScene {
                 OutOfMemory { name: "pages, lists and pictures".to_owned(), bytes: Some(needed), reason }.into()
             );
         }
+        let layout = pages.layout().clone();
         let limits = &device.capabilities().limits;
-        let longest = limits.storage_range.min(limits.allocation) / 16 / PAGE as u64;
+        let widest = plane_widths(layout.sh_words()).fold(4, usize::max);
+        let longest = limits.storage_range.min(limits.allocation) / (4 * widest * PAGE) as u64;
         let room = (CACHE_FRACTION * (free - reserve) as f64) as u64 / each;
         let slots = (room.min(longest) as usize).min(all);
-        let (layout, len) = (pages.layout().clone(), slots * PAGE);
+        let len = slots * PAGE;
         let bounds = Buffer::new(device, BOUNDS, len)?;
         let shapes = planes(device, "shapes", layout.shape_words(), len)?;
         let sh = planes(device, "sh", layout.sh_words(), len)?;
@@ -374,24 +375,23 @@ impl GpuScene {
     }
 
     /// The planes of spherical harmonics. The last one is repeated where the layout has fewer planes.
-    pub(crate) fn sh_planes(&self) -> [&Buffer<[u32; 4]>; 12] {
+    pub(crate) fn sh_planes(&self) -> [&Buffer<[u32; 4]>; SH_PLANES] {
         std::array::from_fn(|i| &self.sh[i.min(self.sh.len() - 1)])
     }
 
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
         let layout = &self.layout;
-        let shares = |words: usize| (0..words.div_ceil(4)).map(move |plane| share(words, plane));
-        let shares: Vec<_> =
-            [1].into_iter().chain(shares(layout.shape_words())).chain(shares(layout.sh_words())).collect();
+        let widths = [4].into_iter().chain(plane_widths(layout.shape_words())).chain(plane_widths(layout.sh_words()));
         let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh);
         let places: Vec<_> = planes
-            .zip(&shares)
-            .map(|(plane, share)| (plane, range.start / share..range.end.div_ceil(*share)))
+            .zip(widths.clone())
+            .map(|(plane, width)| (plane, range.start * width / 4..(range.end * width).div_ceil(4)))
             .collect();
         commands.upload_together(&places, |memory| {
             let mut parts: Vec<Vec<_>> = range.clone().step_by(PACKED_CHUNK).map(|_| Vec::new()).collect();
-            for (plane, share) in memory.into_iter().zip(&shares) {
-                parts.iter_mut().zip(plane.chunks_mut(PACKED_CHUNK / share)).for_each(|(part, plane)| part.push(plane));
+            for (plane, width) in memory.into_iter().zip(widths) {
+                let chunks = plane.chunks_mut(PACKED_CHUNK * width / 4);
+                parts.iter_mut().zip(chunks).for_each(|(part, plane)| part.push(plane));
             }
             let parts = parts.into_par_iter().enumerate();
             parts.for_each(|(i, planes)| {
@@ -419,8 +419,8 @@ impl Paged {
 
 /// The planes of attributes of `words` words per Gaussian.
 fn planes(device: &Device, name: &str, words: usize, len: usize) -> Result<Vec<Buffer<[u32; 4]>>> {
-    let plane = |i: usize| Buffer::new(device, &format!("{name} {i}"), len.div_ceil(share(words, i)));
-    (0..words.div_ceil(4)).map(plane).collect()
+    let plane = |(i, width): (usize, usize)| Buffer::new(device, &format!("{name} {i}"), (len * width).div_ceil(4));
+    plane_widths(words).enumerate().map(plane).collect()
 }
 
 /// The grids and the base that the shaders unpack with.

@@ -11,7 +11,7 @@ use lru::LruCache;
 use rayon::prelude::*;
 
 use crate::gpu::{Access, Buffer, Commands, Device, InFlight, Staging};
-use crate::packing::share;
+use crate::packing::plane_widths;
 use crate::pagefile::{PAGE, Pages};
 use crate::render::shaders::lod::NO_SLOT;
 
@@ -363,7 +363,7 @@ fn stream_words(pages: &Pages) -> [usize; 3] {
 /// Words per page in each plane, in the order of the streams.
 fn plane_words(pages: &Pages) -> Vec<usize> {
     let layout = pages.layout();
-    let planes = |words: usize| (0..words.div_ceil(4)).map(move |plane| 4 * PAGE / share(words, plane));
+    let planes = |words: usize| plane_widths(words).map(|width| width * PAGE);
     std::iter::once(4 * PAGE)
         .chain(planes(layout.shape_words()))
         .chain([PAGE])
