@@ -7,7 +7,7 @@ use smalto::pixels::Pixels;
 use smalto::procedural::cactus;
 use smalto::scene::{Builder, Gaussians, Raw, sh_coefficients};
 
-use super::Gpu;
+use super::{Gpu, Random};
 
 pub const SIZE: [u32; 2] = [112, 80];
 
@@ -43,6 +43,15 @@ pub fn build(free: &[Free], degree: u32) -> Gaussians {
         free[i].raw
     });
     builder.finish().0
+}
+
+/// A cactus with random coefficients of degree 4, too.
+pub fn of_degree_4(count: usize) -> Vec<Free> {
+    let (mut all, mut random) = (free(&cactus(count).unwrap().gaussians), Random(4));
+    for one in &mut all {
+        one.sh.resize_with(sh_coefficients(4), || std::array::from_fn(|_| random.between(-0.3, 0.3) as f32));
+    }
+    all
 }
 
 pub fn scene() -> Vec<Free> {

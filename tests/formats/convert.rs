@@ -217,7 +217,7 @@ fn wrong_arguments_are_refused_and_overwrite_nothing() {
         (2, &[PLUSH, &out, "--min-opacity", "2"], "from 0 to 1"),
         (2, &[PLUSH, &out, "--up", "w"], "expected x, y, z"),
         (2, &[PLUSH, &out, "--flip", "a"], "expected some of"),
-        (2, &[PLUSH, &out, "--sh-degree", "4"], "4"),
+        (2, &[PLUSH, &out, "--sh-degree", "5"], "5"),
         (1, &[PLUSH, &out, "--crop", "sphere=1e6,0,0,1"], "none of 61 Gaussians is left"),
         (4, &["none.ply", &out], "there is no such file"),
         (1, &[PLUSH, "/nowhere/a.ply"], "cannot write"),

@@ -8,6 +8,7 @@ mod camera_choice;
 mod camera_errors;
 mod cameras;
 mod convert;
+mod degree_4;
 mod example;
 mod independent;
 mod named_files;

@@ -280,7 +280,7 @@ fn wrong_knobs_and_budgets_are_exit_code_2() {
         &["--scale", "nan"],
         &["--key-bits", "7"],
         &["--key-bits", "33"],
-        &["--sh-degree", "4"],
+        &["--sh-degree", "5"],
         &["--sh-storage", "u4"],
         &["--shape-storage", "bytes"],
         &["--extent", "two-sigma"],

@@ -11,7 +11,7 @@ use smalto::formats;
 use smalto::options::Options;
 use smalto::render::{GpuScene, Renderer};
 use smalto::rules::Background;
-use smalto::scene::{self, Gaussians, Raw, sh_coefficients};
+use smalto::scene::{self, Gaussians, MAX_SH_DEGREE, Raw, sh_coefficients};
 
 #[test]
 fn an_empty_scene_is_the_background() {
@@ -224,12 +224,13 @@ fn harmonics_of_any_size_agree() {
                 let mean = [random.between(-1.5, 1.5), random.between(-1.0, 1.0), 4.0 + 0.05 * f64::from(i)];
                 let raw = ball(mean, random.between(0.05, 0.4), random.between(0.1, 0.9));
                 let mut coefficient = || std::array::from_fn(|_| random.between(-largest, largest) as f32);
-                Free { raw, sh: (0..sh_coefficients(3)).map(|_| coefficient()).collect() }
+                Free { raw, sh: (0..sh_coefficients(MAX_SH_DEGREE)).map(|_| coefficient()).collect() }
             })
             .collect();
-        // A colour is at most 4.51 times the largest coefficient (the basis has norm 16 / 4 pi), rounded twenty times.
-        let rounding = ROUNDING + 20.0 * 0.5_f64.powi(24) * 4.51 * largest;
-        for degree in 0..=3 {
+        // A colour is at most 7.05 times the largest coefficient (the square root of their number, 25, times the norm of
+        // the basis, the root of 25 / 4 pi), rounded thirty times.
+        let rounding = ROUNDING + 30.0 * 0.5_f64.powi(24) * 7.05 * largest;
+        for degree in 0..=MAX_SH_DEGREE {
             let pixels = agrees_within(rounding, "harmonics", &build(&all, degree), &ahead([64, 48], 50.0));
             assert!(pixels.rgba.iter().flatten().all(|v| *v >= 0.0), "nothing is subtracted");
         }

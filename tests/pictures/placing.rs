@@ -10,7 +10,7 @@ use smalto::procedural::cactus;
 use smalto::reference::{Rendering, render};
 use smalto::rules::{Background, Rules};
 use smalto::scene::harmonics::basis;
-use smalto::scene::{Gaussians, Transform};
+use smalto::scene::{Gaussians, MAX_SH_DEGREE, Transform, sh_coefficients};
 
 fn some_scene(seed: u64, count: usize, degree: u32) -> Gaussians {
     build(&cloud(&mut Random(seed), count, degree, 0.4), degree)
@@ -35,7 +35,7 @@ fn picture(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> Rendering {
 #[test]
 fn spherical_harmonics_turn_with_the_scene() {
     let mut random = Random(7);
-    for degree in 0..=3 {
+    for degree in 0..=MAX_SH_DEGREE {
         for seed in 0..20 {
             let scene = some_scene(seed, 1, degree);
             let turn = DQuat::from_xyzw(
@@ -67,7 +67,7 @@ fn the_identity_transform_changes_no_bit() {
 
 #[test]
 fn a_transformed_scene_looks_the_same_from_a_transformed_camera() {
-    let scene = some_scene(3, 300, 3);
+    let scene = some_scene(3, 300, MAX_SH_DEGREE);
     let transform = some_transform();
     let camera = cloud::camera();
     let there = Camera {
@@ -137,18 +137,18 @@ fn a_transform_beyond_floats_is_refused() {
 
 #[test]
 fn joined_scenes_draw_as_their_union() {
-    let parts = [some_scene(1, 60, 3), some_scene(2, 40, 0), some_scene(3, 80, 2)];
+    let parts = [some_scene(1, 60, 4), some_scene(2, 40, 0), some_scene(3, 80, 2)];
     let all = Gaussians::joined(parts.iter()).unwrap();
-    assert_eq!((all.len(), all.sh_degree()), (180, 3));
+    assert_eq!((all.len(), all.sh_degree()), (180, 4));
     // The same Gaussians read as one scene.
-    let degrees = [3, 0, 2];
+    let degrees = [4, 0, 2];
     let mut union = Vec::new();
     for (part, degree) in degrees.iter().enumerate() {
         let mut free = cloud(&mut Random(part as u64 + 1), parts[part].len(), *degree, 0.4);
-        free.iter_mut().for_each(|one| one.sh.resize(16, [0.0; 3]));
+        free.iter_mut().for_each(|one| one.sh.resize(sh_coefficients(4), [0.0; 3]));
         union.extend(free);
     }
-    let union = build(&union, 3);
+    let union = build(&union, 4);
     assert_eq!(all, union);
     let rules = Options::EXACT.rules;
     let draw = |scene: &Gaussians| picture(scene, &cloud::camera(), &rules).to_pixels();

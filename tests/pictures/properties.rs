@@ -1,7 +1,7 @@
 //! Properties of every scene: changes of the input that leave the picture, or change it in a known way.
 
 use crate::common::agree::{agrees, ahead};
-use crate::common::free::{Free, SIZE, build, camera, render, render_from, scene};
+use crate::common::free::{Free, SIZE, build, camera, of_degree_4, render, render_from, scene};
 use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare, gaussians};
 use glam::{DMat3, DQuat, DVec3};
 use smalto::camera::Camera;
@@ -10,7 +10,7 @@ use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::{GpuScene, Renderer};
 use smalto::rules::Background;
-use smalto::scene::{Raw, sh_coefficients};
+use smalto::scene::{MAX_SH_DEGREE, Raw, sh_coefficients};
 
 #[test]
 fn a_hundred_renders_are_the_same_bits() {
@@ -120,13 +120,13 @@ fn the_background_is_weighted_by_the_transmittance() {
 
 #[test]
 fn zero_harmonics_of_a_higher_degree_change_nothing() {
-    for degree in 0..3 {
-        let mut low = scene();
+    for degree in 0..MAX_SH_DEGREE {
+        let mut low = of_degree_4(3000);
         for gaussian in &mut low {
             gaussian.sh[sh_coefficients(degree)..].fill([0.0; 3]);
         }
         let gpu = Gpu::new();
-        let padded = gpu.render(&build(&low, 3), &camera(), &Options::EXACT);
+        let padded = gpu.render(&build(&low, MAX_SH_DEGREE), &camera(), &Options::EXACT);
         let alone = gpu.render(&build(&low, degree), &camera(), &Options::EXACT);
         assert!(padded == alone, "degree {degree}");
     }
@@ -135,8 +135,8 @@ fn zero_harmonics_of_a_higher_degree_change_nothing() {
 #[test]
 fn every_degree_matches_the_reference() {
     let gpu = Gpu::new();
-    for degree in 0..=3 {
-        let scene = build(&scene(), degree);
+    for degree in 0..=MAX_SH_DEGREE {
+        let scene = build(&of_degree_4(3000), degree);
         let rendering = reference::render(&scene, &camera(), &Options::EXACT.rules, Background::BLACK);
         let comparison = compare(&gpu.render(&scene, &camera(), &Options::EXACT), &rendering);
         assert!(comparison.unexplained == 0 && comparison.psnr > 90.0, "degree {degree}: {comparison:?}");

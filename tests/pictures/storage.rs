@@ -14,7 +14,7 @@ use smalto::pixels::Pixels;
 use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::rules::{Background, Rules};
-use smalto::scene::{Gaussians, Raw, decode_rotation, encode_rotation};
+use smalto::scene::{Gaussians, MAX_SH_DEGREE, Raw, decode_rotation, encode_rotation};
 
 /// dB of a scene that lies on 8-bit grids, kept in 8 bits, to the same in 32-bit floats: a grid gives back what
 /// arithmetic in f32 makes of it.
@@ -40,7 +40,7 @@ fn keeps_its_bound(name: &str, pixels: &Pixels, scene: &Gaussians, camera: &Came
 #[test]
 fn harmonics_in_fewer_bits_and_degrees_stay_within_their_bound() {
     let gpu = Gpu::new();
-    for degree in 0..=3 {
+    for degree in 0..=MAX_SH_DEGREE {
         // Opaque and bright enough that no colour is cut at 0, which would hide an error.
         let mut cloud = cloud(&mut Random(u64::from(degree) + 1), 250, degree, 0.15);
         for one in &mut cloud {
@@ -91,7 +91,7 @@ fn on_grids(random: &mut Random, count: usize, degree: u32) -> Vec<Free> {
 #[test]
 fn values_on_a_grid_are_stored_in_8_bits_without_loss() {
     let gpu = Gpu::new();
-    for degree in 0..=3 {
+    for degree in 0..=MAX_SH_DEGREE {
         let scene = build(&on_grids(&mut Random(9), 500, degree), degree);
         let floats = Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..Options::EXACT };
         let in_floats = gpu.render(&scene, &camera(), &floats);
@@ -104,10 +104,23 @@ fn values_on_a_grid_are_stored_in_8_bits_without_loss() {
             assert_eq!(layout.colour_error(&scene), 0.0);
             // 16 of bounds, 8 of shape, a byte for each number in words, of which three or seven have the room of one
             // more.
-            assert_eq!(layout.bytes_each(), 16 + 8 + [4, 16, 32, 48][degree as usize]);
+            assert_eq!(layout.bytes_each(), 16 + 8 + [4, 16, 32, 48, 80][degree as usize]);
             let db = psnr(&gpu.render(&scene, &camera(), &options), &in_floats);
             println!("degree {degree}, {storage:?}: {db:.1} dB");
             assert!(db > LOSSLESS_PSNR, "degree {degree}, {storage:?}: {db} dB");
+        }
+    }
+}
+
+/// Bytes on the GPU: 16 of bounds, 32 of shape, and the numbers of the harmonics, up to two of 16 bits or one of 32 of
+/// which fill an element.
+#[test]
+fn floats_of_every_degree_take_the_fewest_planes() {
+    for (degree, expected) in [(0, [48, 16]), (1, [48, 32]), (2, [112, 64]), (3, [192, 96]), (4, [304, 152])] {
+        let scene = build(&cloud(&mut Random(3), 9, degree, 0.5), degree);
+        for (storage, bytes) in [Storage::F32, Storage::F16].into_iter().zip(expected) {
+            let options = Options { sh_storage: storage, ..Options::EXACT };
+            assert_eq!(layout(&scene, &options).bytes_each(), 16 + 32 + bytes, "degree {degree} in {storage:?}");
         }
     }
 }
@@ -127,7 +140,7 @@ fn attributes_stay_with_their_gaussians_at_every_count() {
     let gpu = Gpu::new();
     let camera = ahead([48, 48], 48.0);
     let mut random = Random(11);
-    for degree in 0..=3 {
+    for degree in 0..=MAX_SH_DEGREE {
         for count in 1..=9 {
             let mut all = on_grids(&mut random, count, degree);
             for (i, one) in all.iter_mut().enumerate() {

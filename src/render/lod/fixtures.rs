@@ -6,8 +6,9 @@ use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
 use crate::pagefile::PageFile;
 use crate::pagefile::write::{Job, Settings, write_whole};
+use crate::procedural::cactus;
 use crate::render::scene::{GpuScene, SceneSource, Upload};
-use crate::scene::{Scene, SceneInstances, Transform};
+use crate::scene::{Gaussians, Random, Scene, SceneInstances, Transform, sh_coefficients};
 
 /// Writes a scene to a page file with levels of detail.
 pub(crate) fn with_levels(scene: Scene, options: Options) -> Arc<PageFile> {
@@ -18,6 +19,18 @@ pub(crate) fn with_levels(scene: Scene, options: Options) -> Arc<PageFile> {
     write_whole(&job, &scene).unwrap();
     // The open file outlives the folder.
     Arc::new(PageFile::open(&output).unwrap())
+}
+
+/// A cactus with coefficients of degree 4.
+pub(crate) fn cactus_of_degree_4(count: usize) -> Scene {
+    let scene = cactus::cactus(count).unwrap();
+    let mut random = Random::of(4);
+    let mut sh = Vec::new();
+    for i in 0..scene.gaussians.len() {
+        sh.extend_from_slice(scene.gaussians.sh(i));
+        sh.resize_with((i + 1) * sh_coefficients(4), || [(); 3].map(|()| 0.1 * random.normal() as f32));
+    }
+    Scene { gaussians: Gaussians { sh, sh_degree: 4, ..scene.gaussians }, ..scene }
 }
 
 /// A device with this limit of its memory. Tests without a limit share one device. Every device keeps its pipelines: a

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::fixtures::{open, with_levels};
+use super::fixtures::{cactus_of_degree_4, open, with_levels};
 use super::target::LodReport;
 use crate::camera::Camera;
 use crate::gpu::Device;
-use crate::options::Options;
+use crate::options::{Options, Storage};
 use crate::pagefile::PageFile;
 use crate::pagefile::write::Settings;
 use crate::pixels::Pixels;
@@ -65,6 +65,32 @@ fn the_finest_cut_shows_the_bits_of_the_scene() {
         assert_eq!(differing(&draw(&device, &source(&file), &finest, &camera).0, &expected), 0);
         assert_eq!(differing(&draw(&device, &source(&file), &options, &camera).0, &expected), 0, "without levels");
     }
+}
+
+#[test]
+fn scenes_of_degree_4_have_the_same_bits_in_pages_and_by_levels() {
+    let (scene, device) = (cactus_of_degree_4(40_000), open(None));
+    let camera = view(&scene.gaussians, 0.7);
+    let without = SceneSource::of(scene.gaussians.clone().of_degree(3));
+    let whole = SceneSource::of(scene.gaussians.clone());
+    let file = with_levels(scene, Settings::LOSSLESS);
+    let u8s = Options { sh_storage: Storage::U8, ..Options::EXACT };
+    for options in [Options::EXACT, Options::BALANCED, u8s, Options { portable: true, ..Options::EXACT }] {
+        let expected = draw(&device, &whole, &options, &camera).0;
+        assert!(psnr(&draw(&device, &without, &options, &camera).0, &expected) < 40.0, "degree 4 is seen");
+        let finest = Options { lod_error: 1e-12, ..options };
+        for options in [finest, options] {
+            assert_eq!(differing(&draw(&device, &source(&file), &options, &camera).0, &expected), 0);
+        }
+        // Some of the pages at a time, in slabs.
+        let limited = draw(&open(Some(34 << 20)), &source(&file), &options, &camera).0;
+        assert_eq!(differing(&limited, &expected), 0, "in slabs");
+    }
+    // Merged nodes keep the mean of the coefficients.
+    let options = Options { splats: 20_000, ..Options::EXACT };
+    let expected = draw(&device, &whole, &Options::EXACT, &camera).0;
+    let coarser = psnr(&draw(&device, &source(&file), &options, &camera).0, &expected);
+    assert!(coarser > 35.0, "{coarser}");
 }
 
 #[test]

@@ -18,6 +18,7 @@ use smalto::pagefile::{PADDING, PAGE, PageFile, Pages};
 use smalto::procedural::{Procedural, cactus};
 use smalto::scene::{Gaussians, Scene, Transform, Watch};
 
+use crate::common::free::{build, of_degree_4};
 use crate::common::program::{fails, ok, path};
 use smalto::formats;
 use smalto::pagefile;
@@ -95,12 +96,16 @@ fn every_format_is_given_back_bit_by_bit() {
 #[test]
 fn words_are_the_same_from_a_file_and_from_memory() {
     let folder = tempfile::tempdir().unwrap();
-    let gaussians = cactus(5000).unwrap().gaussians;
-    let out = folder.path().join("a.smalto");
-    write_whole(&job(&out, EXACT), &scene_of(gaussians.clone())).unwrap();
+    for gaussians in [cactus(5000).unwrap().gaussians, build(&of_degree_4(2500), 4)] {
+        words_are_the_same(&folder.path().join("a.smalto"), &gaussians);
+    }
+}
+
+fn words_are_the_same(out: &Path, gaussians: &Gaussians) {
+    write_whole(&job(out, EXACT), &scene_of(gaussians.clone())).unwrap();
     let u8s = Options { sh_storage: Storage::U8, shape_storage: Storage::U8, sh_degree: 2, ..Options::BALANCED };
     for options in [Settings::LOSSLESS, Options::EXACT, Options::BALANCED, Options::FAST, Options::PREVIEW, u8s] {
-        let (file, memory) = (of_file(&out, &options), of_memory(&gaussians, &options));
+        let (file, memory) = (of_file(out, &options), of_memory(gaussians, &options));
         assert_eq!(file.layout(), memory.layout());
         assert!(words(&file) == words(&memory), "{options:?}");
         for (page, exact) in file.pages().iter().zip(memory.pages()) {
@@ -114,9 +119,9 @@ fn words_are_the_same_from_a_file_and_from_memory() {
     }
     // A file with loss has the words of the layout that it was written for.
     for options in [Options::BALANCED, Options::FAST, u8s] {
-        write_whole(&job(&out, Settings { options, ..EXACT }), &scene_of(gaussians.clone())).unwrap();
-        assert!(words(&of_file(&out, &options)) == words(&of_memory(&gaussians, &options)), "{options:?}");
-        let other = of_file(&out, &Options::EXACT);
+        write_whole(&job(out, Settings { options, ..EXACT }), &scene_of(gaussians.clone())).unwrap();
+        assert!(words(&of_file(out, &options)) == words(&of_memory(gaussians, &options)), "{options:?}");
+        let other = of_file(out, &Options::EXACT);
         assert!(other.notice().is_some(), "{options:?}");
     }
 }
