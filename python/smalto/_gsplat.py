@@ -115,7 +115,7 @@ def rasterization(
 
     means (..., N, 3), quats (..., N, 4) as w, x, y, z, scales (..., N, 3), opacities (..., N) from 0 to 1.
     colors: without `sh_degree`, (..., N, D) or (..., C, N, D) of any D channels; with it, coefficients of spherical
-        harmonics (..., N, K, 3) or (..., C, N, K, 3), of which those up to `sh_degree`, at most 3, are used.
+        harmonics (..., N, K, 3) or (..., C, N, K, 3), of which those up to `sh_degree`, at most 4, are used.
     viewmats (..., C, 4, 4) from world to view, Ks (..., C, 3, 3) in pixels, backgrounds (..., C, D).
     render_mode: RGB, D (depth times coverage), ED (mean depth), RGB+D or RGB+ED, with depth as the last channel.
     rasterize_mode: classic or antialiased. `near_plane` and `far_plane` are view depths in world units.
@@ -149,8 +149,8 @@ def rasterization(
         raise ValueError(f"{name}: smalto draws pinhole cameras with gsplat's default for {name} only")
     _one_of("render_mode", render_mode, ["RGB", "D", "ED", "RGB+D", "RGB+ED"])
     _one_of("rasterize_mode", rasterize_mode, ["classic", "antialiased"])
-    if sh_degree is not None and sh_degree not in range(4):
-        raise ValueError(f"sh_degree: expected 0 to 3, found {sh_degree}")
+    if sh_degree is not None and sh_degree not in range(5):
+        raise ValueError(f"sh_degree: expected 0 to 4, found {sh_degree}")
     if not near_plane < far_plane:
         raise ValueError(f"near_plane: {near_plane} is not less than far_plane, {far_plane}")
 

@@ -11,7 +11,7 @@ use smalto::camera;
 use smalto::formats::{SceneFile, write_file};
 use smalto::procedural::Procedural;
 use smalto::render::SceneSource;
-use smalto::scene::{Builder, Gaussians, Raw, Watch, sh_coefficients};
+use smalto::scene::{Builder, Gaussians, MAX_SH_DEGREE, Raw, Watch, sh_coefficients};
 
 use crate::arrays::numbers;
 use crate::camera::{Camera, usable};
@@ -58,8 +58,8 @@ impl Scene {
 
     /// A scene of N Gaussians: means (N, 3) in world units, quats (N, 4) as w, x, y, z of any length but 0, scales
     /// (N, 3), the standard deviations in world units, opacities (N) from 0 to 1, and sh (N, K, 3), the coefficients of
-    /// spherical harmonics with K = 1, 4, 9 or 16. Values become 32-bit floats. Gaussians with the opacity 0 are left
-    /// out. Errors: ValueError for another shape or a value that cannot be drawn, TypeError for what is not numbers.
+    /// spherical harmonics with K = 1, 4, 9, 16 or 25. Values become 32-bit floats. Gaussians with the opacity 0 are
+    /// left out. Errors: ValueError for another shape or a value that cannot be drawn, TypeError for what is not numbers.
     #[staticmethod]
     #[pyo3(signature = (means, quats, scales, opacities, sh, *, antialiased = false))]
     fn from_arrays(
@@ -79,9 +79,9 @@ impl Scene {
         let opacities = numbers::<f32>(opacities, "opacities", "float32", &[count])?;
         let sh = numbers::<f32>(sh, "sh", "float32", &[count, None, Some(3)])?;
         let coefficients = sh.shape()[1];
-        let degree = (0..=3).find(|degree| sh_coefficients(*degree) == coefficients);
+        let degree = (0..=MAX_SH_DEGREE).find(|degree| sh_coefficients(*degree) == coefficients);
         let degree = degree.ok_or_else(|| {
-            PyValueError::new_err(format!("sh: expected 1, 4, 9 or 16 coefficients, found {coefficients}"))
+            PyValueError::new_err(format!("sh: expected 1, 4, 9, 16 or 25 coefficients, found {coefficients}"))
         })?;
         let arrays = Arrays {
             means: means.values(),
@@ -95,7 +95,8 @@ impl Scene {
     }
 
     /// Writes the scene as .ply, .compressed.ply, .spz, .splat, .sog or .glb, and reads it back before it replaces what
-    /// is there. Errors: ValueError for another ending or a scene in a page file, smalto.Error if it cannot be written.
+    /// is there. Only .ply and .spz keep SH degree 4; .splat keeps degree 0 alone. Errors: ValueError for another ending
+    /// or a scene in a page file, smalto.Error if it cannot be written.
     fn write(&self, py: Python, path: PathBuf) -> PyResult<()> {
         check_process()?;
         let kind = SceneFile::of(&path).map_err(|why| PyValueError::new_err(format!("{why:#}")))?;

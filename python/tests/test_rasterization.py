@@ -1,5 +1,6 @@
 """`rasterization` against gsplat's own PyTorch functions, whose results are stored in gsplat.npz."""
 
+import math
 import pathlib
 
 import gsplat_cases
@@ -35,6 +36,39 @@ def test_pictures_are_those_of_the_reference():
         assert np.abs(alphas[c, ..., 0] - reference.alpha).max() < 1e-5
 
 
+def harmonics(direction, degree):
+    """The basis functions in unit directions (N, 3): associated Legendre polynomials by their recurrence times waves."""
+    x, y, z = direction.T
+    azimuth, sine = np.arctan2(y, x), np.sqrt(1 - z * z)
+    functions = []
+    for l in range(degree + 1):
+        for m in range(-l, l + 1):
+            order = abs(m)
+            last, value = np.zeros_like(z), np.prod([-(2 * k + 1) for k in range(order)]) * sine**order
+            for n in range(order + 1, l + 1):
+                last, value = value, ((2 * n - 1) * z * value - (n + order - 1) * last) / (n - order)
+            ratio = math.factorial(l - order) / math.factorial(l + order)
+            scale = math.sqrt((2 * l + 1) / (4 * math.pi) * ratio * (1 if m == 0 else 2))
+            functions.append(scale * value * (np.sin(order * azimuth) if m < 0 else np.cos(m * azimuth)))
+    return np.stack(functions, -1)
+
+
+def test_degree_4_is_drawn_as_the_sum_of_its_harmonics():
+    arguments = CASES["degree 3"]
+    sh = np.random.RandomState(11).randn(gsplat_cases.GAUSSIANS, 25, 3) * 0.3
+    colors = []
+    for viewmat in arguments["viewmats"].astype(np.float64):
+        towards = arguments["means"] + viewmat[:3, :3].T @ viewmat[:3, 3]
+        basis = harmonics(towards / np.linalg.norm(towards, axis=-1, keepdims=True), 4)
+        colors.append(np.maximum(0.5 + np.einsum("nk,nkc->nc", basis, sh), 0))
+    drawn, _, _ = smalto.rasterization(**(arguments | {"colors": sh.astype(np.float32), "sh_degree": 4}))
+    without, _, _ = smalto.rasterization(**(arguments | {"colors": sh.astype(np.float32)}))
+    plain = {"colors": np.stack(colors).astype(np.float32), "sh_degree": None}
+    expected, _, _ = smalto.rasterization(**(arguments | plain))
+    assert np.abs(drawn - expected).max() < 1e-5
+    assert np.abs(without - expected).max() > 0.1
+
+
 def test_a_scene_that_changes_is_drawn_anew():
     arguments = CASES["three channels"] | {"colors": CASES["three channels"]["colors"].copy()}
     first, _, _ = smalto.rasterization(**arguments)
@@ -53,7 +87,7 @@ def test_a_scene_that_changes_is_drawn_anew():
         ({"render_mode": "depth"}, ValueError, "render_mode: expected RGB, D, ED"),
         ({"radius_clip": 1.0}, ValueError, "radius_clip: smalto draws"),
         ({"camera_model": "fisheye"}, ValueError, "camera_model: smalto draws"),
-        ({"sh_degree": 4}, ValueError, "sh_degree: expected 0 to 3, found 4"),
+        ({"sh_degree": 5}, ValueError, "sh_degree: expected 0 to 4, found 5"),
         ({"colors": np.zeros((80, 4, 3))}, ValueError, "sh_degree 3 needs 16 coefficients, found 4"),
         ({"Ks": np.zeros((3, 3, 3))}, ValueError, r"Ks: expected the shape \(2, 3, 3\), found \(3, 3, 3\)"),
         ({"colors": np.zeros(())}, ValueError, "colors: expected 3 or 4 axes"),

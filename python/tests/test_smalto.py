@@ -225,7 +225,7 @@ def test_a_transparent_background_leaves_alpha():
         ({"scales": np.full((5, 3), -1.0)}, ValueError, "scales: a standard deviation is negative in row 0"),
         ({"opacities": np.full(5, 1.5)}, ValueError, "opacities: a value is not from 0 to 1 in row 0"),
         ({"opacities": np.ones(4)}, ValueError, r"opacities: expected the shape \(5\)"),
-        ({"sh": np.zeros((5, 2, 3))}, ValueError, "sh: expected 1, 4, 9 or 16 coefficients, found 2"),
+        ({"sh": np.zeros((5, 2, 3))}, ValueError, "sh: expected 1, 4, 9, 16 or 25 coefficients, found 2"),
         ({"means": np.full((5, 3), np.nan)}, ValueError, "means: the value NaN in row 0 is not finite"),
         ({"means": np.full((5, 3), "x")}, TypeError, "means: expected numbers"),
     ],
