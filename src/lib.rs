@@ -77,6 +77,8 @@ pub mod reference;
 pub mod render;
 pub mod rules;
 pub mod scene;
+#[doc(hidden)]
+pub mod threads;
 #[cfg(feature = "viewer")]
 #[doc(hidden)]
 pub mod viewer;

@@ -2,14 +2,16 @@
 
 use std::error::Error as _;
 use std::ffi::{OsStr, OsString};
+use std::io::Write;
 use std::path::Path;
 
+use anyhow::Result;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, CommandFactory, Error, FromArgMatches};
 
 use super::renamed::in_present_spelling;
-use super::{Cli, Usage, remark};
+use super::{Cli, Usage, printed, remark};
 use crate::options::{Group, KNOBS, Knob};
 
 /// Options that have no effect without one of some others.
@@ -41,17 +43,24 @@ pub(super) struct Parsed {
     pub reports_to_stdout: bool,
 }
 
-/// Parses the command line. Prints help texts and the version and ends the process if they are asked for.
-pub(super) fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Parsed, Usage> {
+/// Parses the command line. Prints the help text or the version if it asks for one, and returns `None`.
+pub(super) fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Option<Parsed>> {
     let (arguments, notes) = in_present_spelling(arguments.into_iter().map(Into::into).collect());
     notes.iter().for_each(|note| remark(note));
     let parsed = command().try_get_matches_from(arguments).and_then(|all| Ok((Cli::from_arg_matches(&all)?, all)));
-    let (cli, all) = parsed.map_err(refused)?;
-    let Some((_, matches)) = all.subcommand() else { return Ok(Parsed { cli, reports_to_stdout: false }) };
+    let (cli, all) = match parsed {
+        Ok(parsed) => parsed,
+        Err(text) if !text.use_stderr() => {
+            printed(text.print().and_then(|()| std::io::stdout().flush()))?;
+            return Ok(None);
+        }
+        Err(error) => return Err(refused(error).into()),
+    };
+    let Some((_, matches)) = all.subcommand() else { return Ok(Some(Parsed { cli, reports_to_stdout: false })) };
     check_needs(matches)?;
     check_written(matches)?;
     let reports_to_stdout = ["json", "csv"].iter().any(|id| value(matches, id) == Some(OsStr::new("-")));
-    Ok(Parsed { cli, reports_to_stdout })
+    Ok(Some(Parsed { cli, reports_to_stdout }))
 }
 
 /// The commands with all options. A number below 0 is a value, not an option.
@@ -128,9 +137,9 @@ fn long(id: &str) -> String {
     format!("--{}", id.replace('_', "-"))
 }
 
-/// Ends the process with the text that was asked for, or describes what is wrong in one sentence.
+/// Describes what is wrong in one sentence. Ends the process with the help text where nothing was asked for.
 fn refused(error: Error) -> Usage {
-    if !error.use_stderr() || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         error.exit();
     }
     Usage(sentence(&error))

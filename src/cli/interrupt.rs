@@ -1,9 +1,14 @@
 //! Signals that end the program: unfinished files are removed first.
 
+use crate::host_memory::OutOfMemory;
+
 /// From now on, Ctrl-C, SIGTERM and SIGHUP remove unfinished files before they end the program, as by default: with
 /// status 130, 143 and 129 in a shell. A write beyond the file size limit of the shell becomes an error.
+///
+/// # Errors
+/// If the system refuses the thread that waits for them.
 #[cfg(unix)]
-pub(super) fn clean_up_on_signals() {
+pub(super) fn clean_up_on_signals() -> Result<(), OutOfMemory> {
     use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
 
@@ -16,17 +21,21 @@ pub(super) fn clean_up_on_signals() {
     let ignored = ignored_signals();
     let handled = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0);
     // Without handlers, later runs remove the files.
-    let Ok(mut signals) = Signals::new(handled) else { return };
-    std::thread::spawn(move || {
+    let Ok(mut signals) = Signals::new(handled) else { return Ok(()) };
+    // A signal that nobody waits for would be lost.
+    crate::threads::spawn(move || {
         for signal in signals.forever() {
             let _files = crate::files::remove_unfinished();
             _ = emulate_default_handler(signal);
         }
-    });
+    })
+    .map(drop)
 }
 
 #[cfg(not(unix))]
-pub(super) fn clean_up_on_signals() {}
+pub(super) fn clean_up_on_signals() -> Result<(), OutOfMemory> {
+    Ok(())
+}
 
 /// The signals that whoever started the program has it ignore, as nohup does with SIGHUP: bit N-1 is signal N. Only
 /// Linux tells without unsafe code.

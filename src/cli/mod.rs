@@ -82,6 +82,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Parser, Subcommand};
 
 use crate::camera::Camera;
+use crate::files::describe;
 use crate::gpu::{Device, Unavailable};
 use crate::host_memory::OutOfMemory;
 use crate::measure::metrics::psnr;
@@ -90,6 +91,7 @@ use crate::pixels::Pixels;
 use crate::render::{NoLevels, Renderer};
 use crate::rules::Background;
 use crate::scene::Unreadable;
+use crate::threads;
 pub use devices::open_device;
 use environment::Environment;
 pub use scenes::reading;
@@ -152,11 +154,11 @@ fn print_line(line: fmt::Arguments) -> Result<()> {
     printed(writeln!(std::io::stdout(), "{line}"))
 }
 
-/// The outcome of a write to standard output. A closed pipe is not an error.
+/// The outcome of a write of text to standard output. A closed pipe is not an error: its reader has what it wants.
 fn printed(outcome: std::io::Result<()>) -> Result<()> {
     match outcome {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(error).context("cannot write to standard output")
+            bail!("cannot write to standard output: {}", describe(&error))
         }
         _ => Ok(()),
     }
@@ -184,13 +186,14 @@ pub fn run() -> ExitCode {
 
 /// Like [`run`], with the given arguments. The first is the name of the program.
 pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
-    interrupt::clean_up_on_signals();
-    let outcome = arguments::parse(arguments).map_err(anyhow::Error::from).and_then(|parsed| {
+    let started = interrupt::clean_up_on_signals().map_err(anyhow::Error::from);
+    let outcome = started.and_then(|()| arguments::parse(arguments)).and_then(|parsed| {
+        let Some(parsed) = parsed else { return Ok(()) };
         if let Some(fault) = Environment::read()?.read_fault {
             crate::pagefile::simulate(fault);
         }
         REPORTS_TO_STDOUT.store(parsed.reports_to_stdout, Ordering::Relaxed);
-        start_threads()?;
+        threads::start_pool()?;
         match parsed.cli.command {
             Command::Render(args) => render::run(&args),
             Command::View(args) => view::run(&args),
@@ -213,19 +216,6 @@ pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + 
             remark(&format!("{error:#}"));
             ExitCode::from(exit_code(&error))
         }
-    }
-}
-
-/// Starts the threads that share work. Their library would panic later, where the system has no room for them.
-fn start_threads() -> Result<(), OutOfMemory> {
-    match rayon::ThreadPoolBuilder::new().build_global() {
-        // Without a cause they are there already: a process may run several commands.
-        Err(error) if std::error::Error::source(&error).is_some() => Err(OutOfMemory {
-            name: "threads".to_owned(),
-            bytes: None,
-            reason: "the host has too little free memory, or allows too few of them".to_owned(),
-        }),
-        _ => Ok(()),
     }
 }
 

@@ -5,10 +5,11 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Error, Result, anyhow};
+use anyhow::{Context, Error, Result, anyhow};
 
 use super::destination::{Destination, keep_attributes};
-use super::{cannot_write, described, lock, read_whole};
+use super::regular::{content, open_own};
+use super::{cannot_write, described, lock, read_own};
 
 /// A folder of unfinished work, locked against other runs. It remains if the program ends before the work is done, or
 /// fails after the state of the work was saved.
@@ -64,7 +65,7 @@ impl Checkpoint {
 
     /// Reads a file that an earlier run saved, if it exists.
     pub fn read(&self, name: &str) -> Option<Vec<u8>> {
-        read_whole(&self.folder.join(name)).ok()
+        read_own(&self.folder.join(name)).and_then(content).ok()
     }
 
     /// Saves a small file atomically.
@@ -72,11 +73,11 @@ impl Checkpoint {
     /// # Errors
     /// If it cannot be written.
     pub fn save(&self, name: &str, content: &[u8]) -> Result<()> {
-        let part = self.folder.join(format!("{name}.new"));
-        let written = File::create(&part).and_then(|mut file| {
-            file.write_all(content)?;
+        let part = format!("{name}.new");
+        let mut file = self.open(&part, File::options().write(true).create(true).truncate(true))?;
+        let written = file.write_all(content).and_then(|()| {
             file.sync_data()?;
-            fs::rename(&part, self.folder.join(name))
+            fs::rename(self.folder.join(part), self.folder.join(name))
         });
         written.map_err(|error| self.failed(&error))
     }
@@ -86,9 +87,12 @@ impl Checkpoint {
     /// # Errors
     /// If it cannot be opened or made.
     pub fn file(&self, name: &str) -> Result<File> {
-        let mut options = OpenOptions::new();
-        let file = options.read(true).write(true).create(true).truncate(false).open(self.folder.join(name));
-        file.map_err(|error| self.failed(&error))
+        self.open(name, File::options().read(true).write(true).create(true).truncate(false))
+    }
+
+    fn open(&self, name: &str, options: &mut OpenOptions) -> Result<File> {
+        let path = self.folder.join(name);
+        open_own(&path, options).with_context(|| path.display().to_string()).with_context(|| cannot_write(&self.output))
     }
 
     /// Removes a file, if it exists.
@@ -119,9 +123,9 @@ impl Checkpoint {
     /// # Errors
     /// If the output cannot be written.
     pub fn finish(self, name: &str) -> Result<()> {
+        let file = self.open(name, File::options().read(true))?;
         let finished = || -> io::Result<()> {
             let part = self.folder.join(name);
-            let file = File::open(&part)?;
             if let Some(old) = &self.old {
                 keep_attributes(&file, old)?;
             }

@@ -79,7 +79,7 @@ impl Destination {
         // The message of the error itself names the temporary file, which the user does not know.
         PartialFile::beside(folder, ending, old.is_some()).map_err(|error| match error.kind() {
             ErrorKind::NotFound if !folder.exists() => Error::msg("there is no such folder"),
-            kind => Error::msg(kind.to_string()),
+            _ => described(&error),
         })
     }
 

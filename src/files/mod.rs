@@ -6,17 +6,19 @@
 //! - `partial` - incomplete files and folders, which are removed if the program ends early
 //! - `batch` - several files that are written together or not at all
 //! - `checkpoint` - intermediate files of long work, kept for another run
-//! - `regular` - regular files: opening, reads and writes at a position
+//! - `regular` - regular files: opening, whole reads, reads and writes at a position
+//! - `scratch` - temporary copies of what arrives from a pipe
 
 mod batch;
 mod checkpoint;
 mod destination;
 mod partial;
 mod regular;
+mod scratch;
 
 use std::cell::Cell;
 use std::fs::{File, TryLockError};
-use std::io::{self, BufWriter, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -25,7 +27,8 @@ use anyhow::{Context, Error, Result, anyhow, ensure};
 pub use batch::{write_batch, write_new, write_tree};
 pub use checkpoint::Checkpoint;
 pub use partial::remove_unfinished;
-pub use regular::{open_regular, read_exact_at, write_all_at};
+pub use regular::{append_own, open_regular, read_exact_at, read_own, read_whole, write_all_at, write_own};
+pub use scratch::Scratch;
 
 use destination::Destination;
 
@@ -152,17 +155,6 @@ pub fn lock(file: &File) -> Result<()> {
 /// True if another run holds the lock of a file or folder. Otherwise this one holds it now.
 fn is_locked(file: &File) -> bool {
     matches!(file.try_lock(), Err(TryLockError::WouldBlock))
-}
-
-/// Reads a whole regular file. Anything else is refused: reading a device may never end.
-///
-/// # Errors
-/// A message without the file's name if `path` is not a regular file or cannot be read.
-pub fn read_whole(path: &Path) -> Result<Vec<u8>> {
-    let mut content = Vec::new();
-    let read = open_regular(path)?.read_to_end(&mut content);
-    read.map_err(|e| anyhow!("cannot be read: {}", describe(&e)))?;
-    Ok(content)
 }
 
 /// Makes a folder and those above it.

@@ -32,6 +32,7 @@ use input::{Input, TakeBlock};
 
 pub use loss::Loss;
 pub use read::{Reading, in_folder, read, read_watched};
+pub(crate) use read::{SIGNATURE_BYTES, check_recognized};
 #[doc(hidden)]
 pub use sog::{LOD_META, Streamed, WrittenLevels, write_sog_folder, write_streamed_sog};
 pub use write::SceneFile;

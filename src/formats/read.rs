@@ -12,7 +12,7 @@ use crate::procedural::Procedural;
 use crate::scene::{Cancelled, Gaussians, LoadReport, NoLevel, Scene, Transform, Unreadable, Watch};
 
 /// Bytes that no signature exceeds.
-const SIGNATURE_BYTES: usize = 8;
+pub(crate) const SIGNATURE_BYTES: usize = 8;
 
 /// Choices of the caller for reading a file, and corrections of what it states wrongly.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -200,6 +200,21 @@ fn read_any_blocks(
 fn detect(input: &mut Input, path: &Path) -> Result<Option<&'static Format>> {
     ensure!(input.len() > 0, "the file is empty");
     Ok(Format::of(input.peek(SIGNATURE_BYTES)?, path))
+}
+
+/// Checks that a scene with these first bytes can be read from a file without a name.
+///
+/// # Errors
+/// A phrase that continues "standard input: " if it cannot.
+pub(crate) fn check_recognized(begin: &[u8]) -> Result<()> {
+    ensure!(!begin.is_empty(), "the file is empty");
+    match Format::of(begin, Path::new("")) {
+        Some(format) if format.recognition == Recognition::Json => {
+            bail!("JSON names other files of the scene, so it is read by its path, not from a pipe")
+        }
+        Some(_) => Ok(()),
+        None => bail!(unknown(&begin[..begin.len().min(4)])),
+    }
 }
 
 fn block_reader(input: &mut Input, path: &Path) -> Result<Option<&'static BlockReader>> {

@@ -7,6 +7,9 @@ use std::thread::JoinHandle;
 
 use anyhow::{Context, Result, bail};
 
+use crate::files::write_own;
+use crate::threads;
+
 /// The kinds of video files, by their endings.
 pub const VIDEO_KINDS: [&str; 4] = ["mp4", "mkv", "mov", "webm"];
 
@@ -46,28 +49,36 @@ pub fn plain_for_ffmpeg(path: &Path) -> Result<String> {
 }
 
 impl Video {
-    /// Starts ffmpeg, which writes to `file`. `size` is the width and height of every frame in pixels, `rate` the
-    /// frames a second, as a number or a fraction.
+    /// Starts ffmpeg, which writes to `file`: an existing file, whose name may be removed while ffmpeg runs. `size` is
+    /// the width and height of every frame in pixels, `rate` the frames a second, as a number or a fraction.
     ///
     /// # Errors
-    /// If there is no ffmpeg.
+    /// If there is no ffmpeg, or `file` cannot be opened.
     pub fn start(file: &Path, size: [u32; 2], rate: &str) -> Result<Self> {
         let mut ffmpeg = Command::new(FFMPEG);
         ffmpeg.args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"]);
         ffmpeg.args(["-video_size", &format!("{}x{}", size[0], size[1]), "-framerate", rate, "-i", "-"]);
         ffmpeg.args(video_padding(size));
         // The codec that the kind of file takes.
-        ffmpeg.args(["-pix_fmt", "yuv420p"]).arg(plain_for_ffmpeg(file)?);
-        let started = ffmpeg.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
-        let mut ffmpeg = started.context("cannot start ffmpeg")?;
-        let errors = ffmpeg.stderr.take().map(|mut errors| {
-            std::thread::spawn(move || {
+        ffmpeg.args(["-pix_fmt", "yuv420p"]);
+        if cfg!(unix) {
+            // By its name, ffmpeg would make the file again after a signal has removed it.
+            let ending = file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+            ffmpeg.args(["-f", if ending == "mkv" { "matroska" } else { &ending }, "/dev/stdout"]);
+            ffmpeg.stdout(write_own(file)?);
+        } else {
+            ffmpeg.arg(plain_for_ffmpeg(file)?).stdout(Stdio::null());
+        }
+        let started = ffmpeg.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        let mut video = Self { ffmpeg: started.context("cannot start ffmpeg")?, errors: None };
+        if let Some(mut errors) = video.ffmpeg.stderr.take() {
+            video.errors = Some(threads::spawn(move || {
                 let mut said = Vec::new();
                 _ = errors.read_to_end(&mut said);
                 String::from_utf8_lossy(&said).into_owned()
-            })
-        });
-        Ok(Self { ffmpeg, errors })
+            })?);
+        }
+        Ok(video)
     }
 
     /// Takes the next frame: 8-bit red, green and blue, row by row from the top.

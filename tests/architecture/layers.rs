@@ -9,6 +9,7 @@ use crate::{code, is_test, program, sources};
 /// modules, which are modules of their own here.
 const EDGES: [(&str, &str); 22] = [
     ("host_memory", ""),
+    ("threads", "host_memory"),
     ("files", ""),
     ("quantities", ""),
     ("rules", ""),
@@ -17,15 +18,15 @@ const EDGES: [(&str, &str); 22] = [
     ("procedural", "host_memory quantities scene"),
     ("formats", "host_memory files scene procedural"),
     ("camera", "files"),
-    ("pixels", "host_memory files"),
+    ("pixels", "host_memory files threads"),
     ("gpu", "host_memory"),
     ("reference", "scene camera rules pixels"),
     ("lod", "scene rules"),
     ("packing", "host_memory scene options rules"),
-    ("pagefile", "host_memory files formats lod packing scene options rules"),
-    ("render", "host_memory gpu lod scene formats packing pagefile camera rules options pixels"),
+    ("pagefile", "host_memory threads files formats lod packing scene options rules"),
+    ("render", "host_memory threads gpu lod scene formats packing pagefile camera rules options pixels"),
     ("measure::metrics", "pixels"),
-    ("measure::bench", "files gpu render scene pagefile camera rules options pixels"),
+    ("measure::bench", "threads files gpu render scene pagefile camera rules options pixels"),
     (
         "measure::trade",
         "files gpu render reference scene packing camera rules options pixels measure::bench measure::metrics",
@@ -34,8 +35,8 @@ const EDGES: [(&str, &str); 22] = [
     ("measure::prune", "render scene formats camera options pixels measure::bench measure::metrics"),
     (
         "viewer",
-        "files host_memory gpu render reference scene procedural formats packing pagefile camera rules options pixels \
-         measure::bench measure::metrics measure::trade",
+        "files host_memory threads gpu render reference scene procedural formats packing pagefile camera rules options \
+         pixels measure::bench measure::metrics measure::trade",
     ),
 ];
 

@@ -1,11 +1,15 @@
-//! Files are written by `files` alone, which writes them whole or not at all.
+//! Files are written by `files` alone, which writes them whole or not at all, and read whole by it alone, which limits
+//! their size. Threads are started by `threads` alone, where a thread that the system refuses is an error.
 
 use crate::{code, is_test, program, sources};
 
-/// What makes, writes, moves or removes a file.
-const WORDS: [&str; 8] = [
+/// What makes, writes, moves or removes a file, or reads a whole one.
+const WORDS: [&str; 11] = [
     "File::create",
+    "File::options",
     "OpenOptions",
+    "fs::read(",
+    "fs::read_to_string(",
     "fs::write(",
     "fs::copy(",
     "fs::rename(",
@@ -14,26 +18,40 @@ const WORDS: [&str; 8] = [
     "tempfile::",
 ];
 
-/// Files that may: the record of a run, which is appended to, the textures that a new `meta.json` no longer names, and
-/// the temporary copy of a scene from a pipe.
-const EXCEPTIONS: [&str; 3] = ["cli/render/resume.rs", "formats/sog/folder.rs", "cli/scenes/piped.rs"];
+/// Files that may: a record that was begun in vain is removed, and so are the textures that a new `meta.json` no longer
+/// names; files of the system and shaders are read.
+const EXCEPTIONS: [(&str, &str); 5] = [
+    ("cli/render/resume.rs", "fs::remove_file("),
+    ("formats/sog/folder.rs", "fs::remove_file("),
+    ("cli/interrupt.rs", "fs::read_to_string("),
+    ("measure/bench/machine.rs", "fs::read_to_string("),
+    ("gpu/glsl.rs", "fs::read_to_string("),
+];
 
-/// The places outside of `files` and of tests where these sources write files, one line each.
+/// What starts threads, or pools of them.
+const THREADS: [&str; 4] = ["thread::spawn", "thread::scope", "thread::Builder", "ThreadPoolBuilder"];
+
+/// The places outside of `files`, `threads` and tests where these sources do so, one line each.
 fn violations(sources: &[(String, String)]) -> Vec<String> {
     let mut found = Vec::new();
     for (name, text) in sources.iter().filter(|(name, _)| !is_test(name)) {
         let code = code(text);
         let program = program(&code);
-        let is_home = name.starts_with("files/") || EXCEPTIONS.contains(&name.as_str());
-        for word in WORDS.iter().filter(|word| !is_home && program.contains(*word)) {
-            found.push(format!("{name}: `{word}` outside of files"));
+        let is_excepted = |word: &str| EXCEPTIONS.contains(&(name.as_str(), word));
+        for word in WORDS.iter().filter(|word| program.contains(*word) && !is_excepted(word)) {
+            if !name.starts_with("files/") {
+                found.push(format!("{name}: `{word}` outside of files"));
+            }
+        }
+        for word in THREADS.iter().filter(|word| name != "threads.rs" && program.contains(*word)) {
+            found.push(format!("{name}: `{word}` outside of threads"));
         }
     }
     found
 }
 
 #[test]
-fn files_are_written_by_one_module() {
+fn files_and_threads_have_one_module_each() {
     assert_eq!(violations(&sources()), Vec::<String>::new());
 }
 
@@ -43,6 +61,10 @@ fn a_writer_elsewhere_is_found() {
     assert_eq!(
         violations(&source("cli/a.rs", "std::fs::write(path, text)?;")),
         ["cli/a.rs: `fs::write(` outside of files"]
+    );
+    assert_eq!(
+        violations(&source("cli/a.rs", "std::thread::spawn(|| 1);")),
+        ["cli/a.rs: `thread::spawn` outside of threads"]
     );
     assert_eq!(
         violations(&source("cli/a.rs", "#[cfg(test)]\nmod tests { fs::write(path, text); }")),

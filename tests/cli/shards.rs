@@ -104,15 +104,18 @@ fn a_killed_shard_is_resumed_by_itself() {
     }
     first.kill().unwrap();
     first.wait().unwrap();
-    assert!(remarks(&shard("2/2")).contains(" 0 of 4 files are complete"), "the other shard does not care");
+    assert!(
+        remarks(&shard("2/2")).contains(" 0 of 4 files have their recorded sizes"),
+        "the other shard does not care"
+    );
     let before = pictures(&out);
     let error = fails(6, &[&render[..], &["--verify"]].concat());
     assert!(error.contains(" of 9 files are wrong: ") && error.contains(" missing"), "{error}");
     let again = remarks(&shard("1/2"));
-    assert!(again.contains(" of 5 files are complete and are skipped"), "{again}");
+    assert!(again.contains(" of 5 files have their recorded sizes and are skipped"), "{again}");
     let after = pictures(&out);
     assert!(after.len() == 9 && before.iter().all(|picture| after.contains(picture)));
-    assert!(remarks(&shard("1/2")).contains("nothing left to do, all 5 files are complete"));
+    assert!(remarks(&shard("1/2")).contains("nothing left to do, all 5 files have their recorded sizes"));
     assert_eq!(ok(&[&render[..], &["--verify"]].concat()), "all 9 files are complete\n");
 }
 
@@ -145,8 +148,8 @@ fn what_is_complete_counts_for_other_numbers_of_shards_of_the_same_settings() {
         assert!(said.contains(sentence), "{more:?}: {said}");
     };
     // Cameras 0, 3 and 6 are there.
-    says(&["--shard", "2/2", "--resume"], "1 of 3 files are complete");
-    says(&["--resume"], "5 of 7 files are complete");
+    says(&["--shard", "2/2", "--resume"], "1 of 3 files have their recorded sizes");
+    says(&["--resume"], "5 of 7 files have their recorded sizes");
     says(&["--shard", "4/5", "--resume"], "nothing left to do, all 1 files");
     let black = pictures(&out);
 
@@ -162,7 +165,7 @@ fn what_is_complete_counts_for_other_numbers_of_shards_of_the_same_settings() {
     let output = smalto(&run(&["--verify"]));
     assert_eq!(output.status.code(), Some(6));
     assert_eq!(text(&output.stdout).matches("of other settings (background)").count(), 7);
-    says(&["--shard", "1/3", "--resume"], "0 of 3 files are complete");
+    says(&["--shard", "1/3", "--resume"], "0 of 3 files have their recorded sizes");
     says(&["--shard", "1/3", "--resume"], "nothing left to do");
     let now = pictures(&out);
     assert!((0..7).all(|i| (now[i] == black[i]) == (i % 3 == 0)));

@@ -243,7 +243,7 @@ fn a_run_is_resumed_where_it_was_interrupted() {
         says(&output, "had other settings (background); run without --resume to start over");
         let output = run(&[reference, &["--resume"]].concat());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        says(&output, "2 of 6 files are complete and are skipped");
+        says(&output, "2 of 6 files have their recorded sizes and are skipped");
         assert_eq!(fs::read(&first).unwrap(), kept, "what is complete is not drawn again");
         assert!(Pixels::read(&second).is_ok() && Pixels::read(&third).is_ok(), "what is not is");
 
@@ -251,14 +251,14 @@ fn a_run_is_resumed_where_it_was_interrupted() {
         for damaged in [&b""[..], &whole[..whole.len() / 2]] {
             fs::write(&first, damaged).unwrap();
             let output = run(&[reference, &["--resume"]].concat());
-            says(&output, "5 of 6 files are complete and are skipped");
+            says(&output, "5 of 6 files have their recorded sizes and are skipped");
             assert_eq!(fs::read(&first).unwrap(), whole);
         }
         let before = fs::read(&record).unwrap();
         for _ in 0..2 {
             let output = run(&[reference, &["--resume"]].concat());
             assert!(output.status.success() && output.stdout.is_empty());
-            says(&output, "nothing left to do, all 6 files are complete");
+            says(&output, "nothing left to do, all 6 files have their recorded sizes");
         }
         assert_eq!(fs::read(&record).unwrap(), before, "the record does not grow");
     }

@@ -1,7 +1,6 @@
 //! Draws and writes the pictures of a plan, on the GPU or with the reference.
 
 use std::num::NonZero;
-use std::panic::resume_unwind;
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
@@ -22,10 +21,12 @@ use crate::cli::drawable::Drawable;
 use crate::cli::progress::Bar;
 use crate::cli::{Usage, certified, complain, devices::names_of, remark, say, size_text};
 use crate::gpu::Device;
+use crate::host_memory::OutOfMemory;
 use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
 use crate::render::{Frame, LodReport, Path, SceneSource, SlabReport};
+use crate::threads::{self, joined};
 
 /// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
 fn outputs_left<'p>(shot: &'p Shot, record: &Record) -> [Vec<&'p Output>; 2] {
@@ -112,30 +113,30 @@ fn draw(run: &Run, devices: &[Device], scene: SceneSource, encoders: usize, mut 
     // Where the frames of a video wait until ffmpeg takes them, the threads that encode wait, too.
     let (written, to_note) = bounded(encoders);
     let is_recorded = log.record.is_kept();
-    let (failure, lost) = std::thread::scope(|threads| {
-        let drawers: Vec<_> = devices
-            .iter()
-            .enumerate()
-            .map(|(number, device)| {
-                let (scene, jobs) = (scene.clone(), jobs.clone());
-                threads.spawn(move || {
-                    let _guard = run.queue.stopped_by_panics();
-                    run.draw_on((number, device), scene, jobs).inspect_err(|error| go_on(run, device, devices, error))
-                })
-            })
-            .collect();
-        drop((scene, jobs));
+    let (failure, lost) = threads::scope(|threads| -> Result<_> {
+        let stop = |_: &OutOfMemory| run.queue.stop();
         for _ in 0..encoders {
             let (to_encode, written) = (to_encode.clone(), written.clone());
-            threads.spawn(move || {
+            let encode = move || {
                 let _guard = run.queue.stopped_by_panics();
                 for job in to_encode {
-                    // The other end is there until all threads have ended.
+                    // Without the other end the run has failed.
                     _ = written.send(job.run(run.args, is_recorded));
                 }
-            });
+            };
+            threads.spawn(encode)?;
         }
         drop((to_encode, written));
+        let mut drawers = Vec::new();
+        for (number, device) in devices.iter().enumerate() {
+            let (scene, jobs) = (scene.clone(), jobs.clone());
+            let draw = move || {
+                let _guard = run.queue.stopped_by_panics();
+                run.draw_on((number, device), scene, jobs).inspect_err(|error| go_on(run, device, devices, error))
+            };
+            drawers.push(threads.spawn(draw).inspect_err(stop)?);
+        }
+        drop((scene, jobs));
         let mut failure = None;
         for outcome in to_note {
             if let Err(error) = outcome.and_then(|view| log.note(view)) {
@@ -143,9 +144,8 @@ fn draw(run: &Run, devices: &[Device], scene: SceneSource, encoders: usize, mut 
                 failure.get_or_insert(error);
             }
         }
-        let joined = drawers.into_iter().map(|drawer| drawer.join().unwrap_or_else(|panic| resume_unwind(panic)));
-        (failure, joined.filter_map(Result::err).next())
-    });
+        Ok((failure, drawers.into_iter().map(joined).filter_map(Result::err).next()))
+    })?;
     let failure = failure.or(lost.filter(|_| run.queue.is_abandoned()));
     failure.map_or(Ok(()), Err)?;
     log.finish(run, encoders)

@@ -6,14 +6,15 @@ use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Result, anyhow, ensure};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::outputs::Output;
 use super::settings::Settings;
 use super::shard::Shard;
-use crate::files::{describe, open_regular};
+use crate::files::{describe, open_regular, read_own};
+use crate::scene::Unreadable;
 
 /// How the names of records begin and end. They are hidden from programs that read all pictures of a folder.
 const NAME: [&str; 2] = [".smalto-run", ".jsonl"];
@@ -58,7 +59,8 @@ pub(super) fn name(shard: Option<Shard>) -> String {
 /// The text of a record.
 pub(super) fn read(file: &mut File) -> Result<String> {
     let mut text = String::new();
-    file.take(MOST_BYTES + 1).read_to_string(&mut text)?;
+    let read = file.take(MOST_BYTES + 1).read_to_string(&mut text);
+    read.map_err(|error| anyhow!("cannot be read: {}", describe(&error)))?;
     ensure!(text.len() as u64 <= MOST_BYTES, "the file is longer than {MOST_BYTES} bytes");
     Ok(text)
 }
@@ -78,8 +80,8 @@ pub(super) fn read_all(folder: &Path) -> Result<Vec<Recorded>> {
         let is_record = |name: &str| name.starts_with(NAME[0]) && name.ends_with(NAME[1]);
         if name.to_str().is_some_and(is_record) {
             let path = folder.join(name);
-            let text = open_regular(&path).and_then(|mut file| read(&mut file));
-            found.extend(Recorded::parse(&text.with_context(|| format!("{} cannot be read", path.display()))?));
+            let text = read_own(&path).and_then(|mut file| read(&mut file));
+            found.extend(Recorded::parse(&text.map_err(|problem| Unreadable::new(&path, &problem))?));
         }
     }
     Ok(found)

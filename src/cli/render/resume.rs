@@ -2,7 +2,7 @@
 //! the run lasts, it is locked, so that no second run writes the same files. Each shard has a record of its own.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{Seek, Write};
 use std::path::{Path, PathBuf};
 
@@ -14,9 +14,10 @@ use super::plan::Plan;
 use super::records::{COMPLETE, Content, Line, Recorded, complete, name, read, read_all};
 use super::settings::Settings;
 use crate::cli::{Usage, remark};
-use crate::files::{check_absent, check_binary_writable, describe, lock};
+use crate::files::{append_own, check_absent, check_binary_writable, describe, lock};
 use crate::options::Options;
 use crate::pixels::Pixels;
+use crate::scene::Unreadable;
 
 /// The files of a run that are complete.
 pub(super) struct Record {
@@ -45,11 +46,10 @@ impl Record {
         };
         let settings = Settings::of(args, plan, scene, options, device)?;
         let path = folder.join(name(args.shard));
-        let file = OpenOptions::new().read(true).append(true).create(true).open(&path);
-        let mut file = file.map_err(|error| anyhow!("cannot write {}: {}", path.display(), describe(&error)))?;
+        let mut file = append_own(&path).with_context(|| format!("cannot write {}", path.display()))?;
         lock(&file).with_context(|| folder.display().to_string())?;
         file.rewind()?;
-        let earlier = read(&mut file).with_context(|| format!("{} cannot be read", path.display()))?;
+        let earlier = read(&mut file).map_err(|problem| Unreadable::new(&path, &problem))?;
         let is_complete = earlier.lines().last() == Some(COMPLETE);
         let is_resumed = args.resume && !earlier.is_empty();
         let mut record = Self {
@@ -88,8 +88,11 @@ impl Record {
             return Ok(());
         }
         if !earlier.is_empty() {
-            let damaged = || format!("{} is damaged: run without --resume to start over", self.path.display());
-            let own = Recorded::parse(earlier).with_context(damaged)?;
+            let damaged = || Unreadable {
+                path: self.path.display().to_string(),
+                problem: "is damaged: run without --resume to start over".to_owned(),
+            };
+            let own = Recorded::parse(earlier).ok_or_else(damaged)?;
             check_same(settings, &own, &self.folder)?;
         }
         let records = read_all(&self.folder)?;
@@ -108,9 +111,9 @@ impl Record {
         match files.filter(|output| self.has(output)).count() {
             _ if all == 0 => {}
             done if done == all => {
-                remark(&format!("note: {folder}: nothing left to do, all {all} files are complete"));
+                remark(&format!("note: {folder}: nothing left to do, all {all} files have their recorded sizes"));
             }
-            done => remark(&format!("note: {folder}: {done} of {all} files are complete and are skipped")),
+            done => remark(&format!("note: {folder}: {done} of {all} files have their recorded sizes and are skipped")),
         }
     }
 

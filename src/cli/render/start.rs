@@ -12,6 +12,7 @@ use super::Args;
 use crate::cli::drawable::Drawable;
 use crate::cli::say;
 use crate::gpu::Device;
+use crate::threads::{self, joined};
 
 /// The times of the phases from the command to the first picture.
 pub(super) struct Start {
@@ -95,16 +96,16 @@ pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> 
         return Ok((devices, Drawable::of(&args.scene, scene)));
     }
     let is_cancelled = AtomicBool::new(false);
-    let (devices, scene) = std::thread::scope(|scope| {
-        let reading = scope.spawn(|| {
+    let (devices, scene) = threads::scope(|threads| -> Result<_> {
+        let reading = threads.spawn(|| {
             let scene = args.scene.read_unless(&|| is_cancelled.load(Ordering::Relaxed));
             args.start.add("reading", Duration::ZERO, args.start.begun.elapsed());
             scene
-        });
+        })?;
         let devices = open(args);
         is_cancelled.store(devices.is_err(), Ordering::Relaxed);
-        (devices, reading.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-    });
+        Ok((devices, joined(reading)))
+    })?;
     let (devices, scene) = (devices?, scene?);
     args.scene.remark(&scene);
     Ok((devices, Drawable::of(&args.scene, scene)))

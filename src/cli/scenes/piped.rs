@@ -1,14 +1,13 @@
-//! Scenes from standard input and other pipes. Readers need the whole file, so it is kept in a temporary one.
+//! Scenes from standard input and other pipes. Readers need the whole file, so it is copied to a temporary one.
 
 use std::fs::File;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::io::{self, Read};
+use std::path::Path;
 
-use anyhow::{Context, Result};
-use tempfile::NamedTempFile;
+use anyhow::{Result, anyhow};
 
-use crate::files::describe;
-use crate::formats::Reading;
+use crate::files::{Scratch, describe};
+use crate::formats::{Reading, SIGNATURE_BYTES, check_recognized};
 use crate::pagefile;
 use crate::scene::{NoLevel, Scene, Unreadable, Watch};
 
@@ -31,14 +30,9 @@ fn is_fifo(_: &std::fs::Metadata) -> bool {
 /// Reads a scene whose format can be recognized by its content. Errors name `path`.
 pub fn read(path: &Path, reading: &Reading, progress: &dyn Fn(f64)) -> Result<Scene> {
     let name = || if path == Path::new("-") { "standard input".to_owned() } else { path.display().to_string() };
-    let unreadable =
-        |error: io::Error| Unreadable { path: name(), problem: format!("cannot be read: {}", describe(&error)) };
-    let mut file = NamedTempFile::new().context("cannot make a temporary file for the scene")?;
-    let from: &mut dyn io::Read =
-        if path == Path::new("-") { &mut io::stdin().lock() } else { &mut File::open(path).map_err(unreadable)? };
-    io::copy(from, &mut file).with_context(|| format!("{}: cannot be copied to a temporary file", name()))?;
+    let copy = copy_of(path).map_err(|problem| Unreadable { path: name(), problem: problem.to_string() })?;
     let watch = Watch::of_progress(progress);
-    pagefile::read(reading, &kept(&file), &watch).map_err(|error| {
+    pagefile::read(reading, &copy.path(), &watch).map_err(|error| {
         let error = match error.downcast::<NoLevel>() {
             Ok(NoLevel { problem, .. }) => return NoLevel { path: name(), problem }.into(),
             Err(error) => error,
@@ -50,15 +44,13 @@ pub fn read(path: &Path, reading: &Reading, progress: &dyn Fn(f64)) -> Result<Sc
     })
 }
 
-/// The path of the temporary file. Its name is removed at once where the system has paths for open files, so that an
-/// interrupted run leaves nothing.
-fn kept(file: &NamedTempFile) -> PathBuf {
-    #[cfg(target_os = "linux")]
-    {
-        use std::os::fd::AsRawFd;
-        _ = std::fs::remove_file(file.path());
-        PathBuf::from(format!("/proc/self/fd/{}", file.as_raw_fd()))
-    }
-    #[cfg(not(target_os = "linux"))]
-    file.path().to_owned()
+/// A copy of what a pipe holds, if its first bytes are those of a scene. A pipe without an end is thus refused at once.
+fn copy_of(path: &Path) -> Result<Scratch> {
+    let unreadable = |error: io::Error| anyhow!("cannot be read: {}", describe(&error));
+    let from: &mut dyn Read =
+        if path == Path::new("-") { &mut io::stdin().lock() } else { &mut File::open(path).map_err(unreadable)? };
+    let mut begin = Vec::new();
+    from.take(SIGNATURE_BYTES as u64).read_to_end(&mut begin).map_err(unreadable)?;
+    check_recognized(&begin)?;
+    Scratch::of(&mut begin.as_slice().chain(from))
 }

@@ -11,6 +11,7 @@ use super::machine::{Clocks, DeviceReport, VersionReport};
 use super::statistics::Statistics;
 use super::warm_up::WarmUp;
 use crate::camera::Camera;
+use crate::files::read_whole;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render;
@@ -247,8 +248,7 @@ impl Report {
     /// # Errors
     /// A phrase that continues the file's name, such as "is not JSON".
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).context("cannot be read")?;
-        let value: serde_json::Value = serde_json::from_str(&text).context("is not JSON")?;
+        let value: serde_json::Value = serde_json::from_slice(&read_whole(path)?).context("is not JSON")?;
         let format = value.get("format").and_then(|f| f.as_str()).unwrap_or("unknown");
         let expected = Self::FORMAT;
         ensure!(format == expected, "is not a report of this version: its format is {format}, not {expected}");

@@ -1,10 +1,9 @@
 //! Frames per second of several devices that draw at the same time.
 
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::sync::Barrier;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
+use crossbeam_channel::bounded;
 
 use super::measure::draw_in_flight;
 use super::report::DeviceSpeed;
@@ -12,6 +11,7 @@ use crate::camera::Camera;
 use crate::gpu::{Device, Timestamps};
 use crate::options::Options;
 use crate::render::{GpuScene, Renderer};
+use crate::threads::{self, joined};
 
 /// Durations of the warm-up and of the measurement.
 const WARM_UP: Duration = Duration::from_secs(1);
@@ -28,18 +28,27 @@ pub fn together(
     options: &Options,
     views: &[Camera],
 ) -> Result<Vec<DeviceSpeed>> {
-    let ready = Barrier::new(devices.len());
-    let measure = &|device: &Device| -> Result<DeviceSpeed> {
-        let prepared = catch_unwind(AssertUnwindSafe(|| prepare(device, load, options, views)));
-        // Threads of failed devices wait here, too, so that no thread waits forever.
-        ready.wait();
-        let mut renderer = prepared.unwrap_or_else(|panic| resume_unwind(panic))?;
-        let frames_per_second = frames_per_second(&mut renderer, views, MEASURED)?;
-        Ok(DeviceSpeed { device: device.capabilities().name.clone(), frames_per_second })
-    };
-    std::thread::scope(|threads| {
-        let started: Vec<_> = devices.iter().map(|device| threads.spawn(move || measure(device))).collect();
-        started.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    // No message is ever sent: a device is prepared, or has failed, when its end of the one channel is dropped, and all
+    // may begin when the end of the other is.
+    let (preparing, all_prepared) = bounded::<()>(0);
+    let (hold, begin) = bounded::<()>(0);
+    threads::scope(|threads| {
+        let mut started = Vec::new();
+        for device in devices {
+            let (preparing, begin) = (preparing.clone(), begin.clone());
+            let measure = move || -> Result<DeviceSpeed> {
+                let mut renderer = prepare(device, load, options, views)?;
+                drop(preparing);
+                _ = begin.recv();
+                let frames_per_second = frames_per_second(&mut renderer, views, MEASURED)?;
+                Ok(DeviceSpeed { device: device.capabilities().name.clone(), frames_per_second })
+            };
+            started.push(threads.spawn(measure)?);
+        }
+        drop(preparing);
+        _ = all_prepared.recv();
+        drop(hold);
+        started.into_iter().map(joined).collect()
     })
 }
 

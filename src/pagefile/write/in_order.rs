@@ -12,6 +12,7 @@ use crate::options::Storage;
 use crate::packing::{Accumulator, Layout, Statistics};
 use crate::pagefile::PAGE;
 use crate::scene::{Cancelled, Gaussians, along_curve};
+use crate::threads::{self, joined};
 
 /// Writes a scene whose blocks of several pages are already in Morton order: each block is sorted and written at once.
 /// If the layout depends on the whole scene, the statistics take a pass before.
@@ -37,13 +38,13 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
         anyhow::Ok(())
     };
     // The next block is made while one is written.
-    let scene = std::thread::scope(|threads| {
+    let scene = threads::scope(|threads| {
         let (sender, receiver) = std::sync::mpsc::sync_channel(1);
         let making =
-            threads.spawn(move || blocks(&mut |block, of| sender.send((block, of)).map_err(|_| Cancelled.into())));
+            threads.spawn(move || blocks(&mut |block, of| sender.send((block, of)).map_err(|_| Cancelled.into())))?;
         let added = receiver.iter().try_for_each(|(block, of)| add(block, of));
         drop(receiver);
-        let made = making.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        let made = joined(making);
         added.and(made)
     })?;
     let Some(mut writer) = writer else { bail!("there are no Gaussians") };

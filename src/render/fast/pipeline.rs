@@ -3,7 +3,6 @@
 //! The structure is that of HiGS (two scales of tiles). It differs in how lists keep one order in every run.
 
 use std::mem::offset_of;
-use std::thread::ScopedJoinHandle;
 
 use anyhow::Result;
 
@@ -18,6 +17,7 @@ use crate::render::frame::{DepthKeys, Shot, Target, view};
 use crate::render::shaders::fast::*;
 use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
+use crate::threads::{self, joined};
 
 /// Pictures with fewer pixels have the lowest blocks.
 const SMALL_PICTURE: u64 = 1 << 20;
@@ -48,11 +48,6 @@ pub struct FastPipeline {
     pub(in crate::render) forced_block_height: Option<usize>,
 }
 
-/// The stage that a thread made.
-fn made<S>(thread: ScopedJoinHandle<Result<Stage<S>>>) -> Result<Stage<S>> {
-    thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-}
-
 impl FastPipeline {
     /// The size of the subgroups with which it draws; `None` where the device or the options require the portable path.
     pub fn subgroup(device: &Device, options: &Options) -> Option<u32> {
@@ -71,24 +66,24 @@ impl FastPipeline {
         let sort = sort_constants(&constants, subgroup);
         let merge = |of_runs| Stage::new(device, &MergeConstants { of_runs });
         // A driver compiles on the calling thread.
-        std::thread::scope(|threads| {
-            let project = threads.spawn(|| Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup));
-            let list = threads.spawn(|| Stage::of_subgroups(device, &ListConstants::of(&constants), subgroup));
-            let offsets = threads.spawn(|| Stage::new(device, &()));
-            let sort = threads.spawn(|| Stage::of_subgroups(device, &sort, subgroup));
-            let merges = [true, false].map(|of_runs| threads.spawn(move || merge(of_runs)));
-            let masks = threads.spawn(|| Stage::of_subgroups(device, &MasksConstants::of(&constants), subgroup));
-            let [merge_runs, merge_again] = merges;
+        threads::scope(|threads| {
+            let project = threads.spawn(|| Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup))?;
+            let list = threads.spawn(|| Stage::of_subgroups(device, &ListConstants::of(&constants), subgroup))?;
+            let offsets = threads.spawn(|| Stage::new(device, &()))?;
+            let sort = threads.spawn(|| Stage::of_subgroups(device, &sort, subgroup))?;
+            let merge_runs = threads.spawn(|| merge(true))?;
+            let merge_again = threads.spawn(|| merge(false))?;
+            let masks = threads.spawn(|| Stage::of_subgroups(device, &MasksConstants::of(&constants), subgroup))?;
             Ok(Some(Self {
                 options: *options,
                 layout: layout.clone(),
-                project: made(project)?,
-                list: made(list)?,
-                offsets: made(offsets)?,
-                sort: made(sort)?,
-                merge_runs: made(merge_runs)?,
-                merge_again: made(merge_again)?,
-                masks: made(masks)?,
+                project: joined(project)?,
+                list: joined(list)?,
+                offsets: joined(offsets)?,
+                sort: joined(sort)?,
+                merge_runs: joined(merge_runs)?,
+                merge_again: joined(merge_again)?,
+                masks: joined(masks)?,
                 blend: Default::default(),
                 constants,
                 subgroup,
@@ -131,13 +126,13 @@ impl FastPipeline {
     /// If a pipeline cannot be made.
     pub fn make_all_heights(&mut self, device: &Device) -> Result<()> {
         let (constants, subgroup) = (&self.constants, self.subgroup);
-        std::thread::scope(|threads| {
+        threads::scope(|threads| {
             let making = BLOCK_HEIGHTS.map(|height| {
                 threads
                     .spawn(move || Stage::of_subgroups(device, &blend_constants(constants, subgroup, height), subgroup))
             });
             for (blend, making) in self.blend.iter_mut().zip(making) {
-                *blend = Some(made(making)?);
+                *blend = Some(joined(making?)?);
             }
             Ok(())
         })

@@ -1,6 +1,5 @@
 //! The choice of the engine that draws each frame.
 
-use std::panic::resume_unwind;
 use std::time::Duration;
 
 use anyhow::Result;
@@ -21,6 +20,7 @@ use crate::render::scene::{GpuScene, SELF_TEST_GAUSSIANS};
 use crate::render::shaders::Totals;
 use crate::render::slabs::SlabbedFrame;
 use crate::render::streaming::PageStreamer;
+use crate::threads::{self, joined};
 
 /// The engines of both paths and the choice between them: the portable path draws everything, the fast path what the
 /// device and the options allow it to draw.
@@ -91,10 +91,10 @@ impl PathChoice {
     /// thread.
     pub fn make_all_pipelines(&mut self, device: &Device) -> Result<()> {
         let Self { portable, fast, options, .. } = self;
-        std::thread::scope(|threads| {
-            let making = threads.spawn(|| portable.make(device, options));
+        threads::scope(|threads| {
+            let making = threads.spawn(|| portable.make(device, options))?;
             let heights = fast.as_mut().map_or(Ok(()), |fast| fast.pipeline.make_all_heights(device));
-            making.join().unwrap_or_else(|panic| resume_unwind(panic))?;
+            joined(making)?;
             heights
         })
     }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 
 use super::fallback::PageHierarchy;
 use super::prefetch::{CameraMotion, MotionClock};
@@ -21,6 +21,7 @@ use crate::pagefile::{PageLod, Pages};
 use crate::render::lod::{LodSelector, SelectionParams};
 use crate::render::scene::{GpuScene, LoadedPage, PageCache, Paged};
 use crate::render::shaders::SelectionState;
+use crate::threads::pool;
 
 /// Loads and evicts pages of a scene as its frames request them.
 pub struct PageStreamer {
@@ -149,8 +150,8 @@ impl PageStreamer {
             shown_limits: Vec::new(),
             fade: None,
             has_fading,
-            readers: ThreadPoolBuilder::new().num_threads(threads).build()?,
-            limit_workers: ThreadPoolBuilder::new().num_threads(threads).build()?,
+            readers: pool(threads)?,
+            limit_workers: pool(threads)?,
             sender,
             receiver,
             spare_memory: unbounded(),

@@ -16,6 +16,8 @@ use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow};
 
+use crate::threads;
+
 /// Starts jobs and receives their events.
 pub struct Jobs<E> {
     sender: Sender<E>,
@@ -64,18 +66,30 @@ impl<E: Send + 'static> Jobs<E> {
         self.receiver.try_iter().collect()
     }
 
-    /// Runs `work` on another thread. `to_event` turns its result into an event, which is sent even if `work` panics.
+    /// Runs `work` on another thread. `to_event` turns its result into an event, which is sent even if `work` panics or
+    /// the system refuses the thread.
     pub fn start<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Reporter<E>) -> Result<T> + Send + 'static,
         to_event: impl FnOnce(Result<T>) -> E + Send + 'static,
     ) {
         let reporter = Reporter { sender: self.sender.clone(), wake: self.wake.clone() };
-        let thread = std::thread::spawn(move || {
+        // A refused thread drops what it owns, so it takes its work when it runs.
+        let job = Arc::new(Mutex::new(Some((work, to_event, reporter))));
+        let own = job.clone();
+        let started = threads::spawn(move || {
+            let (work, to_event, reporter) = taken(&own).expect("the thread is started once");
             let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&reporter)));
             let outcome = outcome.unwrap_or_else(|_| Err(anyhow!("a defect of smalto ended this; see the terminal")));
             reporter.send(to_event(outcome));
         });
+        let thread = match started {
+            Ok(thread) => thread,
+            Err(refused) => {
+                let (_, to_event, reporter) = taken(&job).expect("no thread took the job");
+                return reporter.send(to_event(Err(refused.into())));
+            }
+        };
         let mut running = self.running.lock().expect("no holder of the threads panics");
         running.retain(|thread| !thread.is_finished());
         running.push(thread);
@@ -88,4 +102,8 @@ impl<E: Send + 'static> Jobs<E> {
             _ = thread.join();
         }
     }
+}
+
+fn taken<T>(job: &Mutex<Option<T>>) -> Option<T> {
+    job.lock().expect("no holder of a job panics").take()
 }

@@ -7,6 +7,8 @@ use anyhow::{Context, Result, ensure};
 use egui::{Key, KeyboardShortcut, Modifiers};
 use serde::Deserialize;
 
+use crate::files::read_whole;
+
 /// An action that has a key. Actions from `Forward` to `Slow` last while the key is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -139,7 +141,7 @@ impl Bindings {
     /// # Errors
     /// The file cannot be read, a key or an action is unknown, or two actions have the same key.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::parse(&std::fs::read_to_string(path).context("cannot be read")?)
+        Self::parse(std::str::from_utf8(&read_whole(path)?).context("is not UTF-8")?)
     }
 
     fn parse(text: &str) -> Result<Self> {
