@@ -3,6 +3,7 @@
 use std::error::Error as _;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
+use std::num::{IntErrorKind, ParseFloatError, ParseIntError};
 use std::path::Path;
 
 use anyhow::Result;
@@ -29,6 +30,9 @@ const NEEDS: [(&str, &[&str]); 9] = [
 
 /// Arguments that name files or folders to read. (The last of `convert` is written.)
 const SCENES_AND_PICTURES: [&str; 5] = ["scene", "scenes", "files", "a", "b"];
+
+/// Names of values that are numbers with a unit. Their parsers refuse what begins with a minus.
+const QUANTITIES: [&str; 4] = ["WxH", "WxH,...", "SIZE", "COUNT"];
 
 /// Options that name a file to write. Two of them must not name the same file.
 const WRITTEN: [&str; 7] = ["output", "certificate", "json", "csv", "plot", "heatmap", "screen"];
@@ -69,7 +73,12 @@ pub(super) fn command() -> Command {
         let has_knobs = command.get_arguments().any(|arg| arg.get_id() == "stop");
         command.mut_args(|arg| {
             let is_option = !arg.is_positional() && arg.get_action().takes_values();
-            let arg = if is_option { arg.allow_negative_numbers(true) } else { arg };
+            let is_quantity = arg.get_value_names().is_some_and(|names| QUANTITIES.contains(&names[0].as_str()));
+            let arg = match is_option {
+                true if is_quantity => arg.allow_hyphen_values(true),
+                true => arg.allow_negative_numbers(true),
+                false => arg,
+            };
             let unused = if has_knobs { knobs_without_effect(arg.get_id().as_str()) } else { Vec::new() };
             arg.conflicts_with_all(unused)
         })
@@ -145,6 +154,25 @@ fn refused(error: Error) -> Usage {
     Usage(sentence(&error))
 }
 
+/// What is wrong with a value, in other words than those of the number parsers of Rust and clap.
+fn plain(problem: &(dyn std::error::Error + 'static)) -> String {
+    if let Some(problem) = problem.downcast_ref::<ParseIntError>() {
+        return match problem.kind() {
+            IntErrorKind::PosOverflow | IntErrorKind::NegOverflow => "the number is out of range".to_owned(),
+            _ => "expected a whole number".to_owned(),
+        };
+    }
+    if problem.is::<ParseFloatError>() {
+        return "expected a number".to_owned();
+    }
+    let text = problem.to_string();
+    match text.split_once(" is not in ").and_then(|(_, range)| range.split_once("..=")) {
+        Some((least, most)) if most == u32::MAX.to_string() => format!("expected at least {least}"),
+        Some((least, most)) => format!("expected a whole number from {least} to {most}"),
+        None => text,
+    }
+}
+
 fn sentence(error: &Error) -> String {
     let texts = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => vec![text.clone()],
@@ -161,7 +189,7 @@ fn sentence(error: &Error) -> String {
             let value = first(ContextKind::InvalidValue).unwrap_or_default();
             let expected = texts(ContextKind::ValidValue);
             let problem = match error.source() {
-                Some(source) => source.to_string(),
+                Some(source) => plain(source),
                 None if expected.is_empty() => "a value is expected".to_owned(),
                 None => format!("expected {}", expected.join(", ")),
             };

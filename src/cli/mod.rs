@@ -36,6 +36,7 @@
 //! - `progress` - the progress of long work
 //! - `dump` - `--dump`: the buffers of a frame as NumPy files
 //! - `interrupt` - signals that end the program
+//! - `driver_cache` - the folder in which drivers cache shaders
 //! - `pipeline_cache` - the file of compiled pipelines and passed self-tests
 
 mod arguments;
@@ -48,6 +49,7 @@ mod convert;
 mod devices;
 mod doctor;
 mod drawable;
+mod driver_cache;
 mod dump;
 pub mod environment;
 mod headings;
@@ -83,7 +85,7 @@ use clap::{Parser, Subcommand};
 
 use crate::camera::Camera;
 use crate::files::describe;
-use crate::gpu::{Device, Unavailable};
+use crate::gpu::{Device, TooLarge, Unavailable};
 use crate::host_memory::OutOfMemory;
 use crate::measure::metrics::psnr;
 use crate::measure::trade::Unmeetable;
@@ -111,6 +113,8 @@ off (0); SMALTO_FAULT simulates a fault in `view`, or with device@N in `render` 
 views, or with page@N or slow@MS unreadable pages and slow reads; SMALTO_SHADERS=DIR compiles the shaders in DIR at \
 run time (feature `reload`).
 
+TMPDIR is the folder for scenes that come from a pipe, which are copied there, and for outputs to pipes and devices.
+
 Cache: `smalto` in the user's folder of caches (on Linux ~/.cache or XDG_CACHE_HOME) holds compiled pipelines; it may \
 be deleted at any time."
 )]
@@ -137,6 +141,13 @@ enum Command {
     Schemas(schemas::Args),
 }
 
+impl Command {
+    fn opens_devices(&self) -> bool {
+        use Command::*;
+        matches!(self, Render(_) | View(_) | Prune(_) | Bench(_) | Trade(_) | Doctor(_))
+    }
+}
+
 /// A report is written to standard output, so nothing else is printed there.
 static REPORTS_TO_STDOUT: AtomicBool = AtomicBool::new(false);
 
@@ -151,7 +162,7 @@ fn print_line(line: fmt::Arguments) -> Result<()> {
     if REPORTS_TO_STDOUT.load(Ordering::Relaxed) {
         return Ok(());
     }
-    printed(writeln!(std::io::stdout(), "{line}"))
+    printed(writeln!(std::io::stdout(), "{}", escaped(&line.to_string())))
 }
 
 /// The outcome of a write of text to standard output. A closed pipe is not an error: its reader has what it wants.
@@ -166,7 +177,13 @@ fn printed(outcome: std::io::Result<()>) -> Result<()> {
 
 /// Prints a line to stderr. Errors are ignored: there is nowhere to report them.
 fn remark(line: &str) {
-    _ = writeln!(std::io::stderr(), "smalto: {line}");
+    _ = writeln!(std::io::stderr(), "smalto: {}", escaped(line));
+}
+
+/// A line for a terminal. Control characters, which names of files may have, are escaped.
+fn escaped(line: &str) -> String {
+    let escape = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    line.chars().map(escape).collect()
 }
 
 /// The command line asks for something that is impossible or contradictory.
@@ -179,16 +196,27 @@ struct Usage(String);
 #[error("{0}")]
 struct OverThreshold(String);
 
-/// Runs the command in the arguments of the process. Prints errors to stderr.
+/// Runs the command in the arguments of the process, which may start itself again. Prints errors to stderr.
 pub fn run() -> ExitCode {
-    run_as_program(std::env::args_os())
+    run_with(std::env::args_os(), driver_cache::suit_environment)
 }
 
-/// Like [`run`], with the given arguments. The first is the name of the program.
+/// Like [`run`], with the given arguments and in this process. The first argument is the name of the program.
 pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> ExitCode {
+    run_with(arguments, || {})
+}
+
+/// `before_drivers` is called before a command that opens devices begins.
+fn run_with(
+    arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>,
+    before_drivers: impl FnOnce(),
+) -> ExitCode {
     let started = interrupt::clean_up_on_signals().map_err(anyhow::Error::from);
     let outcome = started.and_then(|()| arguments::parse(arguments)).and_then(|parsed| {
         let Some(parsed) = parsed else { return Ok(()) };
+        if parsed.cli.command.opens_devices() {
+            before_drivers();
+        }
         if let Some(fault) = Environment::read()?.read_fault {
             crate::pagefile::simulate(fault);
         }
@@ -220,7 +248,7 @@ pub fn run_as_program(arguments: impl IntoIterator<Item = impl Into<OsString> + 
 }
 
 fn exit_code(error: &anyhow::Error) -> u8 {
-    if error.is::<Usage>() || error.is::<NoLevels>() {
+    if error.is::<Usage>() || error.is::<NoLevels>() || error.is::<TooLarge>() {
         2
     } else if error.is::<Unavailable>() {
         3
@@ -267,7 +295,8 @@ fn size_text([width, height]: [u32; 2]) -> String {
 /// Fails if the validation layer of the device reported anything.
 fn complain(device: &Device) -> Result<()> {
     let messages = device.validation_messages();
-    ensure!(messages.is_empty(), "validation: {}", messages.join("\n"));
+    messages.iter().flat_map(|message| message.lines()).for_each(remark);
+    ensure!(messages.is_empty(), "validation: {} messages, above", messages.len());
     Ok(())
 }
 

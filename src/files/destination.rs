@@ -94,10 +94,7 @@ impl Destination {
                 }
                 partial.persist(path).map_err(|error| described(&error))
             }
-            _ => match self.copy(partial.file()) {
-                Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(described(&error)),
-                _ => Ok(()),
-            },
+            _ => self.copy(partial.file()).map_err(|error| described(&error)),
         }
     }
 

@@ -7,7 +7,7 @@
 //! - `batch` - several files that are written together or not at all
 //! - `checkpoint` - intermediate files of long work, kept for another run
 //! - `regular` - regular files: opening, whole reads, reads and writes at a position
-//! - `scratch` - temporary copies of what arrives from a pipe
+//! - `scratch` - temporary files without a name
 
 mod batch;
 mod checkpoint;
@@ -28,7 +28,7 @@ pub use batch::{write_batch, write_new, write_tree};
 pub use checkpoint::Checkpoint;
 pub use partial::remove_unfinished;
 pub use regular::{append_own, open_regular, read_exact_at, read_own, read_whole, write_all_at, write_own};
-pub use scratch::Scratch;
+pub use scratch::{Scratch, is_full};
 
 use destination::Destination;
 
@@ -63,7 +63,7 @@ pub struct Watched<'f> {
 /// - A file that is replaced keeps its mode and, where permitted, its owner and group.
 /// - A symbolic link stays: the file it leads to is replaced, or made if there is none.
 /// - A device, a FIFO or an open descriptor such as /dev/stdout is not replaced: the complete content is copied into
-///   it. `-` is standard output. If its reader is gone, that is no error.
+///   it. `-` is standard output. A reader that closes it before it has all is an error.
 /// - A file that its owner may not write is refused, even to root.
 ///
 /// # Errors
@@ -157,6 +157,12 @@ fn is_locked(file: &File) -> bool {
     matches!(file.try_lock(), Err(TryLockError::WouldBlock))
 }
 
+/// A path as text of a report. A byte that is not UTF-8 stands as `\xHH`.
+pub fn text_of(path: &Path) -> String {
+    let chunks = path.as_os_str().as_encoded_bytes().utf8_chunks();
+    chunks.map(|chunk| format!("{}{}", chunk.valid(), chunk.invalid().escape_ascii())).collect()
+}
+
 /// Makes a folder and those above it.
 ///
 /// # Errors
@@ -171,6 +177,7 @@ pub fn describe(error: &io::Error) -> String {
     match error.kind() {
         ErrorKind::NotFound => "there is no such file".to_owned(),
         ErrorKind::PermissionDenied => "permission denied".to_owned(),
+        ErrorKind::BrokenPipe => "its reader has closed it".to_owned(),
         _ => {
             let text = error.to_string();
             text.split_once(" (os error").map_or(text.as_str(), |(message, _)| message).to_owned()

@@ -1,8 +1,8 @@
-//! A temporary file for content that arrives from a pipe and must be read at any position.
+//! Temporary files without a name: content that arrives from a pipe and must be read at any position, and trials.
 
 use std::fs::File;
-use std::io::{self, Read};
-use std::path::PathBuf;
+use std::io::{self, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result, ensure};
 
@@ -56,6 +56,14 @@ impl Scratch {
         #[cfg(not(target_os = "linux"))]
         self.part.path().to_owned()
     }
+}
+
+/// True if a few megabytes cannot be written into a folder because its file system, or the user's quota, is full.
+pub fn is_full(folder: &Path) -> bool {
+    // Mesa's index of shaders has 1.3 MB.
+    const BYTES: usize = 2 << 20;
+    let written = tempfile::tempfile_in(folder).and_then(|mut file| file.write_all(&vec![0; BYTES]));
+    written.is_err_and(|error| matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded))
 }
 
 /// The bytes that this user may still write to the file system of a file.

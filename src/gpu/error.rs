@@ -9,6 +9,18 @@ use crate::host_memory::OutOfMemory;
 #[error("{0}")]
 pub struct Unavailable(pub String);
 
+/// The device cannot hold an image of this size, however much memory is free.
+#[derive(Debug, thiserror::Error)]
+#[error("{device} draws pictures of at most {limit} pixels a side, not {}x{}", size[0], size[1])]
+pub struct TooLarge {
+    /// Name of the device.
+    pub device: String,
+    /// Most pixels of a side.
+    pub limit: u32,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+}
+
 /// The device has stopped and its content is lost. It can be opened again.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]

@@ -9,9 +9,8 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 
 use super::device::{Device, Held, Shared};
-use super::error::describe;
+use super::error::{TooLarge, describe};
 use super::id::next_id;
-use crate::host_memory::OutOfMemory;
 
 /// An image of `width` x `height` pixels in the format R32G32B32A32_SFLOAT, or in 8 bits per channel for a screen. Its
 /// layout is GENERAL from the first use on. A clone is the same image.
@@ -24,14 +23,13 @@ impl Image {
     /// Allocates an image of four floats per pixel. Its content is undefined.
     ///
     /// # Errors
-    /// A side is 0, or [`OutOfMemory`] if the image exceeds the device's limits or memory.
+    /// A side is 0; [`TooLarge`] if a side exceeds the limit of the device;
+    /// [`OutOfMemory`](crate::host_memory::OutOfMemory).
     pub fn new(device: &Device, name: &str, width: u32, height: u32) -> Result<Self> {
         ensure!(width > 0 && height > 0, "an image has at least one pixel");
         let limit = device.capabilities().limits.image;
         if width > limit || height > limit {
-            let reason = format!("an image on {} has at most {limit} pixels a side", device.capabilities().name);
-            let bytes = (u64::from(width) * u64::from(height)).saturating_mul(16);
-            return Err(OutOfMemory { name: name.to_owned(), bytes: Some(bytes), reason }.into());
+            return Err(TooLarge { device: device.capabilities().name.clone(), limit, size: [width, height] }.into());
         }
         let usage =
             vk::ImageUsageFlags::STORAGE | vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
@@ -43,7 +41,7 @@ impl Image {
     /// there is no window.
     ///
     /// # Errors
-    /// [`OutOfMemory`] if device memory is exhausted.
+    /// [`OutOfMemory`](crate::host_memory::OutOfMemory) if device memory is exhausted.
     pub fn screen(device: &Device, name: &str, size: [u32; 2]) -> Result<Self> {
         let usage = vk::ImageUsageFlags::STORAGE
             | vk::ImageUsageFlags::COLOR_ATTACHMENT

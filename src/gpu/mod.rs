@@ -78,7 +78,7 @@ pub use device::Device;
 pub use dispatch_size::{DispatchSize, FOLD};
 #[doc(hidden)]
 pub use element::{Element, Scalar};
-pub use error::{DeviceLost, Unavailable};
+pub use error::{DeviceLost, TooLarge, Unavailable};
 #[doc(hidden)]
 pub use exported::Handle;
 #[doc(hidden)]

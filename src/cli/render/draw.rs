@@ -1,5 +1,6 @@
 //! Draws and writes the pictures of a plan, on the GPU or with the reference.
 
+use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZero;
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
@@ -20,6 +21,7 @@ use super::video::Encoder;
 use crate::cli::drawable::Drawable;
 use crate::cli::progress::Bar;
 use crate::cli::{Usage, certified, complain, devices::names_of, remark, say, size_text};
+use crate::files::text_of;
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
 use crate::measure::bench::frame_ms;
@@ -93,8 +95,18 @@ pub(super) fn by_gpu(
     args.start.end("layout");
     let encoders = available_parallelism().map_or(1, NonZero::get);
     let (total, bar) = (tasks.len(), Bar::new("rendering"));
-    let notes = Notes::new(&scene.source, options.rules.near);
-    let mut log = Log { args, record, video: None, frames: Vec::new(), total, bar, notes, times: Spent::default() };
+    let log = Log {
+        args,
+        record,
+        video: None,
+        frames: Vec::new(),
+        unreported: tasks.iter().map(|task| task.number).collect(),
+        done: BTreeMap::new(),
+        total,
+        bar,
+        notes: Notes::new(&scene.source, options.rules.near),
+        times: Spent::default(),
+    };
     let run = Run::new(args, options, tasks, devices, encoders);
     let frames = match &plan.video {
         None => draw(&run, devices, scene.source, encoders, log)?,
@@ -108,7 +120,13 @@ pub(super) fn by_gpu(
 }
 
 /// Draws on all devices, encodes on all cores, and notes on this thread what is complete.
-fn draw(run: &Run, devices: &[Device], scene: SceneSource, encoders: usize, mut log: Log) -> Result<Vec<FrameReport>> {
+fn draw<'p>(
+    run: &Run<'p>,
+    devices: &[Device],
+    scene: SceneSource,
+    encoders: usize,
+    mut log: Log<'p>,
+) -> Result<Vec<FrameReport>> {
     let (jobs, to_encode) = unbounded::<Job>();
     // Where the frames of a video wait until ffmpeg takes them, the threads that encode wait, too.
     let (written, to_note) = bounded(encoders);
@@ -147,6 +165,7 @@ fn draw(run: &Run, devices: &[Device], scene: SceneSource, encoders: usize, mut 
         Ok((failure, drawers.into_iter().map(joined).filter_map(Result::err).next()))
     })?;
     let failure = failure.or(lost.filter(|_| run.queue.is_abandoned()));
+    log.tell_rest()?;
     failure.map_or(Ok(()), Err)?;
     log.finish(run, encoders)
 }
@@ -164,8 +183,11 @@ struct Log<'p> {
     args: &'p Args,
     record: Record,
     video: Option<Encoder>,
-    /// With the places of their views in the plan.
-    frames: Vec<(usize, FrameReport)>,
+    frames: Vec<FrameReport>,
+    /// The places in the plan of the views that are not reported yet, in their order.
+    unreported: VecDeque<usize>,
+    /// Views whose files are written, and that are reported after those ahead of them.
+    done: BTreeMap<usize, (Task<'p>, Vec<Frame>, Option<f32>)>,
     total: usize,
     bar: Bar,
     notes: Notes,
@@ -180,17 +202,31 @@ struct Spent {
     host: Times,
 }
 
-impl Log<'_> {
-    /// Records and reports a view whose files are written.
-    fn note(&mut self, view: Written) -> Result<()> {
+impl<'p> Log<'p> {
+    /// Records a view whose files are written, and reports it if those ahead of it are reported.
+    fn note(&mut self, view: Written<'p>) -> Result<()> {
         self.args.start.end("first picture");
-        let Written { task, frames, contents, certified: bound, rgb8, times } = view;
+        let Written { task, frames, contents, certified, rgb8, times } = view;
         let files = task.picture.iter().chain(&task.depths).zip(contents);
         let mut known = files.filter_map(|(output, content)| Some((output, content?)));
         known.try_for_each(|(output, content)| self.record.add(output, content))?;
         if let (Some(video), Some(frame)) = (&mut self.video, rgb8) {
             video.add(task.number, frame)?;
         }
+        self.times.gpu += frames.iter().map(|frame| Duration::from_secs_f64(frame_ms(frame) / 1e3)).sum::<Duration>();
+        self.times.host += times;
+        self.times.views += 1;
+        self.bar.set_counted(self.times.views, self.total, "pictures");
+        self.done.insert(task.number, (task, frames, certified));
+        while let Some(view) = self.unreported.front().and_then(|next| self.done.remove(next)) {
+            self.unreported.pop_front();
+            self.report_view(view)?;
+        }
+        Ok(())
+    }
+
+    /// Reports a view.
+    fn report_view(&mut self, (task, frames, bound): (Task, Vec<Frame>, Option<f32>)) -> Result<()> {
         let has_frame = |outputs: &&Vec<_>| !outputs.is_empty() || task.is_of_video;
         for (outputs, frame) in [&task.picture, &task.depths].into_iter().filter(has_frame).zip(&frames) {
             let title = if task.is_of_video { format!("frame {}", task.number) } else { names(outputs) };
@@ -198,30 +234,29 @@ impl Log<'_> {
             if !task.is_of_video {
                 report(self.args, task.shot, outputs, frame)?;
             }
-            let gpu = Some(frame.into());
-            self.frames.push((task.number, FrameReport { gpu, ..FrameReport::new(task.shot, outputs) }));
-            self.times.gpu += Duration::from_secs_f64(frame_ms(frame) / 1e3);
+            self.frames.push(FrameReport { gpu: Some(frame.into()), ..FrameReport::new(task.shot, outputs) });
         }
-        if let (Some(bound), Some(file), Some((_, drawn))) = (bound, &task.shot.certificate, self.frames.last_mut()) {
+        if let (Some(bound), Some(file), Some(drawn)) = (bound, &task.shot.certificate, self.frames.last_mut()) {
             say!("  {}", certified(bound))?;
-            drawn.files.push(FileReport { layer: "certificate".to_owned(), path: file.display().to_string() });
+            drawn.files.push(FileReport { layer: "certificate".to_owned(), path: text_of(file) });
             drawn.certified_error = Some(bound);
         }
-        self.times.host += times;
-        self.times.views += 1;
-        self.bar.set_counted(self.times.views, self.total, "pictures");
         Ok(())
     }
 
+    /// Reports the views that wait for others, which a failed run never draws.
+    fn tell_rest(&mut self) -> Result<()> {
+        std::mem::take(&mut self.done).into_values().try_for_each(|view| self.report_view(view))
+    }
+
     /// The reports of all frames, in the order of the plan.
-    fn finish(mut self, run: &Run, encoders: usize) -> Result<Vec<FrameReport>> {
+    fn finish(self, run: &Run, encoders: usize) -> Result<Vec<FrameReport>> {
         self.record.finish()?;
         self.video.map_or(Ok(()), Encoder::finish)?;
         if let (2.., Some(started)) = (self.total, run.started.get()) {
             self.times.say(started.elapsed(), run.args.timings.then_some(encoders))?;
         }
-        self.frames.sort_by_key(|(number, _)| *number);
-        Ok(self.frames.into_iter().map(|(_, frame)| frame).collect())
+        Ok(self.frames)
     }
 }
 
@@ -262,7 +297,7 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         .timings
         .iter()
         .find(|t| t.depth == 0)
-        .map_or_else(String::new, |t| format!(", {:.2} ms on the GPU", t.duration_ms));
+        .map_or_else(String::new, |t| format!(", {:.2} ms on the device", t.duration_ms));
     let (visible, listed, files) = (totals.visible, totals.listed_kept, names(outputs));
     let unit = match frame.path {
         Path::Portable => "instances",

@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::outputs::{Output, Shot};
 use super::start::PhaseReport;
 use crate::camera::Camera;
+use crate::files::text_of;
 use crate::measure::bench::{SceneReport, VersionReport};
 use crate::options::Options;
 use crate::render::{Frame, LodReport, Path, SlabReport};
@@ -49,6 +50,7 @@ pub(super) struct FrameReport {
 pub(super) struct FileReport {
     /// colour, alpha, depth, median-depth, counts or certificate.
     pub layer: String,
+    /// The path; a byte that is not UTF-8 stands as `\xHH`.
     pub path: String,
 }
 
@@ -100,8 +102,7 @@ impl Report {
 
 impl FrameReport {
     pub fn new(shot: &Shot, outputs: &[&Output]) -> Self {
-        let file =
-            |output: &&Output| FileReport { layer: output.layer.name(), path: output.path.display().to_string() };
+        let file = |output: &&Output| FileReport { layer: output.layer.name(), path: text_of(&output.path) };
         let Camera { position, rotation, focal_px, centre_px, size_px, .. } = shot.camera;
         Self {
             files: outputs.iter().map(file).collect(),

@@ -17,6 +17,7 @@ use super::{Args, options};
 use crate::cli::drawable::{Drawable, read_places};
 use crate::cli::scenes::SceneArg;
 use crate::cli::{Usage, progress, remark, say, size_text};
+use crate::files::text_of;
 use crate::host_memory::OutOfMemory;
 use crate::measure::bench::VersionReport;
 use crate::pixels::Pixels;
@@ -132,7 +133,7 @@ fn summary(wrong: &[WrongFile], all: usize) -> Result<String, Incomplete> {
 fn wrong(all: &[(&Shot, &Output)], claims: &Claims, folder: &Path) -> Result<Vec<WrongFile>> {
     let check = |(shot, output): &(&Shot, &Output)| {
         let named = |(problem, detail)| {
-            let (path, layer) = (output.path.display().to_string(), output.layer.name());
+            let (path, layer) = (text_of(&output.path), output.layer.name());
             WrongFile { path, layer, camera: shot.index, problem, detail }
         };
         Ok(claims.problem(output, folder, shot.camera.size_px)?.map(named))

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::LOD_META;
 use super::folder::{in_locked, remove_unit};
 use super::write::{META, files};
-use crate::files::{read_whole, write_new, write_tree};
+use crate::files::{make_folder, read_whole, write_new, write_tree};
 use crate::formats::loss::Loss;
 use crate::formats::read::read;
 use crate::formats::write::SceneFile;
@@ -110,9 +110,9 @@ pub fn write_streamed_sog(folder: &Path, streamed: &Streamed) -> Result<WrittenL
         let tree = names.find(|name| fs::symlink_metadata(folder.join(name)).is_err());
         let tree = tree.context("no name is free for the folder of levels")?;
         let written = write_tree(folder, &tree, LOD_META, |parts| {
-            fs::create_dir(parts.join(&tree))?;
-            let mut writer = Writer { parts, tree: &tree, streamed, unit: Vec::new(), filenames: Vec::new(), bytes: 0 };
-            writer.write()
+            make_folder(&parts.join(&tree))?;
+            let (unit, filenames) = (Vec::new(), Vec::new());
+            Writer { folder, parts, tree: &tree, streamed, unit, filenames, bytes: 0 }.write()
         })?;
         old.filenames.iter().chain(&old.environment).for_each(|name| remove_unit(folder, name));
         Ok(written)
@@ -120,7 +120,9 @@ pub fn write_streamed_sog(folder: &Path, streamed: &Streamed) -> Result<WrittenL
 }
 
 struct Writer<'w> {
-    /// The folder that is filled.
+    /// The folder of the output.
+    folder: &'w Path,
+    /// The folder inside that is filled first.
     parts: &'w Path,
     tree: &'w str,
     streamed: &'w Streamed<'w>,
@@ -192,7 +194,7 @@ impl Writer<'_> {
         self.unit.clear();
         let folder = format!("{}/{level}_{}", self.tree, self.filenames.len() - first);
         let path = self.parts.join(&folder);
-        fs::create_dir(&path)?;
+        make_folder(&path)?;
         for (name, bytes) in files(&gaussians, self.streamed.is_antialiased, 0)? {
             self.file(&path.join(name), &bytes)?;
         }
@@ -205,8 +207,8 @@ impl Writer<'_> {
 
     fn file(&mut self, path: &Path, bytes: &[u8]) -> Result<()> {
         self.bytes += bytes.len() as u64;
-        let name = path.strip_prefix(self.parts).unwrap_or(path);
-        write_new(path, bytes).with_context(|| format!("cannot write {}", name.display()))
+        let output = self.folder.join(path.strip_prefix(self.parts).unwrap_or(path));
+        write_new(path, bytes).with_context(|| format!("cannot write {}", output.display()))
     }
 }
 

@@ -145,7 +145,10 @@ impl Bindings {
     }
 
     fn parse(text: &str) -> Result<Self> {
-        let file: File = toml::from_str(text).map_err(|e| anyhow::anyhow!("{}", e.to_string().trim()))?;
+        let file: File = toml::from_str(text).map_err(|error| {
+            let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or_default();
+            anyhow::anyhow!("line {}: {}", 1 + before.matches('\n').count(), error.message())
+        })?;
         let mut bindings = Self::default();
         for (action, key) in file.keys {
             bindings.chords.insert(action, parse(&key).with_context(|| format!("{}: {key}", name(action)))?);
@@ -233,7 +236,7 @@ mod tests {
             ("[keys]\nnext-camera = \"A+B\"", "one key besides"),
             ("[keys]\nnext-camera = \"W\"", "forward and next-camera have the same key"),
             ("[keys]\njump = \"W\"", "jump"),
-            ("keys", "TOML"),
+            ("keys", "line 1: "),
         ] {
             let error = format!("{:#}", Bindings::parse(text).unwrap_err());
             assert!(error.contains(expected), "{error}");
