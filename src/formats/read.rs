@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 
 use super::input::Input;
 use super::sog::{self, LOD_META};
@@ -119,6 +119,14 @@ pub fn read(path: impl AsRef<Path>) -> Result<Scene> {
 /// Those of [`Reading::read_watched`].
 pub fn read_watched(path: impl AsRef<Path>, watch: &Watch) -> Result<Scene> {
     Reading::default().read_watched(path.as_ref(), watch)
+}
+
+/// Reads a file that was just written and still has a temporary name, which errors leave out.
+pub(crate) fn read_back(written: &Path, watch: &Watch) -> Result<Scene> {
+    read_watched(written, watch).map_err(|error| match error.downcast::<Unreadable>() {
+        Ok(Unreadable { problem, .. }) => anyhow!("what was written cannot be read back: {problem}"),
+        Err(error) => error,
+    })
 }
 
 /// The path of the scene in a model folder of the original 3DGS: the point cloud of the last iteration. `path` may also

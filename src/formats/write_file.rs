@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Result, ensure};
 
 use super::loss::Loss;
-use super::read::read_watched;
+use super::read::read_back;
 use super::sog::write_sog_folder;
 use super::write::SceneFile;
 use super::{FORMATS, Format, Recognition, Writer};
@@ -35,7 +35,7 @@ pub fn write_file(
     progress: &dyn Fn(f64),
 ) -> Result<WrittenFile> {
     let read_again = |written: &Path| {
-        let Scene { gaussians: found, format, .. } = read_watched(written, &Watch::of_progress(progress))?;
+        let Scene { gaussians: found, format, .. } = read_back(written, &Watch::of_progress(progress))?;
         let (count, expected) = (found.len(), gaussians.len());
         ensure!(count == expected, "{count} of {expected} Gaussians could be read back");
         let bytes = if kind == SceneFile::SogFolder { all_bytes(written.parent())? } else { written.metadata()?.len() };

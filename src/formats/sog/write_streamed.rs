@@ -14,9 +14,9 @@ use super::folder::{in_locked, remove_unit};
 use super::write::{META, files};
 use crate::files::{make_folder, read_whole, write_new, write_tree};
 use crate::formats::loss::Loss;
-use crate::formats::read::read;
+use crate::formats::read::read_back;
 use crate::formats::write::SceneFile;
-use crate::scene::Gaussians;
+use crate::scene::{Gaussians, Watch};
 
 /// The folder of the SOG folders; another number is added where the name is taken.
 const TREE: &str = "levels";
@@ -198,7 +198,8 @@ impl Writer<'_> {
         for (name, bytes) in files(&gaussians, self.streamed.is_antialiased, 0)? {
             self.file(&path.join(name), &bytes)?;
         }
-        let back = read(path.join(META))?.gaussians;
+        let back = read_back(&path.join(META), &Watch::NONE);
+        let back = back.with_context(|| format!("cannot write {}", self.folder.join(&folder).display()))?.gaussians;
         let (count, found) = (gaussians.len(), back.len());
         ensure!(found == count, "{found} of {count} Gaussians of {folder} could be read back");
         self.filenames.push(format!("{folder}/{META}"));
