@@ -95,7 +95,7 @@ pub(super) fn by_gpu(
     args.start.end("layout");
     let encoders = available_parallelism().map_or(1, NonZero::get);
     let (total, bar) = (tasks.len(), Bar::new("rendering"));
-    let log = Log {
+    let mut log = Log {
         args,
         record,
         video: None,
