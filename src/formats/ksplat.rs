@@ -8,7 +8,7 @@ use half::f16;
 use super::input::{Input, checked_count, word};
 use super::splat::{colour, floats};
 use crate::host_memory::host_vec;
-use crate::scene::{BLOCK, Builder, Raw, Scene, USUAL_SH_DEGREE, logit, rest_values};
+use crate::scene::{Activated, BLOCK, Builder, Scene, USUAL_SH_DEGREE, rest_values};
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;
@@ -254,7 +254,14 @@ fn read_section(input: &mut Input, section: &Section, level: Level, builder: &mu
 }
 
 /// One Gaussian from its bytes. Coefficients above the degree of the section stay zero.
-fn gaussian(row: &[u8], index: usize, sh_degree: u32, level: Level, centres: &Centres, sh: &mut [[f32; 3]]) -> Raw {
+fn gaussian(
+    row: &[u8],
+    index: usize,
+    sh_degree: u32,
+    level: Level,
+    centres: &Centres,
+    sh: &mut [[f32; 3]],
+) -> Activated {
     let (triple, quaternion, _) = level.bytes();
     let mean = match level {
         Level::Zero => floats(row).map(f64::from),
@@ -277,12 +284,11 @@ fn gaussian(row: &[u8], index: usize, sh_degree: u32, level: Level, centres: &Ce
             });
         }
     }
-    let alpha = f64::from(row[rgba + 3]) / 255.0;
-    Raw {
+    Activated {
         mean,
-        log_scale: std::array::from_fn(|i| level.float(row, triple, i).ln()),
+        scale: std::array::from_fn(|i| level.float(row, triple, i)),
         rotation: std::array::from_fn(|i| level.float(row, 2 * triple, i)),
-        opacity_logit: logit(alpha),
+        opacity: f64::from(row[rgba + 3]) / 255.0,
     }
 }
 

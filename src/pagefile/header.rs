@@ -109,7 +109,7 @@ impl Header {
         places.into_iter().for_each(|value| out.u64(value));
         out.f32s(&[self.alpha_min]);
         out.u32(self.is_antialiased.into());
-        let LoadReport { read, not_finite, zero_rotation, transparent, clamped_scale } = self.report;
+        let LoadReport { read, not_finite, zero_rotation, transparent, clamped_scale, .. } = self.report;
         [read, not_finite, zero_rotation, transparent, clamped_scale].iter().for_each(|n| out.u64(*n as u64));
         put_statistics(&self.statistics, most_degree, &mut out);
         put_layout(&self.layout, most_degree, &mut out);
@@ -118,6 +118,8 @@ impl Header {
         if let Some(LodSections { pages, words_at, table_at, checksum }) = self.levels {
             [pages as u64, words_at, table_at, checksum].into_iter().for_each(|value| out.u64(value));
         }
+        let LoadReport { too_large, negative_scale, opacity_range, clamped_opacity, .. } = self.report;
+        [too_large, negative_scale, opacity_range, clamped_opacity].iter().for_each(|n| out.u64(*n as u64));
         let mut bytes = out.0;
         bytes.resize(HEADER - 8, 0);
         bytes.extend(XxHash3_64::oneshot(&bytes).to_le_bytes());
@@ -145,12 +147,13 @@ impl Header {
         let [alpha_min] = from.f32s()?;
         ensure!(alpha_min > 0.0 && alpha_min < 1.0, "its alpha threshold is {alpha_min}");
         let is_antialiased = from.flag()?;
-        let report = LoadReport {
+        let mut report = LoadReport {
             read: from.u64()? as usize,
             not_finite: from.u64()? as usize,
             zero_rotation: from.u64()? as usize,
             transparent: from.u64()? as usize,
             clamped_scale: from.u64()? as usize,
+            ..LoadReport::default()
         };
         let statistics = take_statistics(&mut from, most_degree)?;
         let layout = take_layout(&mut from, most_degree)?;
@@ -164,6 +167,11 @@ impl Header {
                 checksum: from.u64()?,
             }),
         };
+        // Zeros in files of earlier versions of smalto.
+        report.too_large = from.u64()? as usize;
+        report.negative_scale = from.u64()? as usize;
+        report.opacity_range = from.u64()? as usize;
+        report.clamped_opacity = from.u64()? as usize;
         let header = Self {
             statistics,
             layout,

@@ -1,4 +1,5 @@
-//! Converts stored values to canonical ones in f64: finite values, unit quaternions, sigmoids, exponentials.
+//! Converts stored values to canonical ones in f64: finite values, unit quaternions, sigmoids, exponentials. Values a
+//! rounding step out of range are clamped; Gaussians with values further out are dropped, and counted by their reason.
 
 use std::ops::Range;
 
@@ -7,7 +8,7 @@ use rayon::prelude::*;
 use super::{Gaussians, LoadReport, sh_coefficients};
 use crate::host_memory::OutOfMemory;
 
-/// One Gaussian as files store it, in the axes right, down, forward.
+/// One Gaussian as trainers store it, before the activations, in the axes right, down, forward.
 #[derive(Clone, Copy, Debug)]
 pub struct Raw {
     /// World units.
@@ -18,6 +19,33 @@ pub struct Raw {
     pub rotation: [f64; 4],
     /// Opacity before the sigmoid.
     pub opacity_logit: f64,
+}
+
+/// One Gaussian as other files store it, after the activations, in the axes right, down, forward.
+#[derive(Clone, Copy, Debug)]
+pub struct Activated {
+    /// World units.
+    pub mean: [f64; 3],
+    /// Standard deviations in world units.
+    pub scale: [f64; 3],
+    /// Quaternion w x y z of any length.
+    pub rotation: [f64; 4],
+    /// From 0 to 1.
+    pub opacity: f64,
+}
+
+impl From<Raw> for Activated {
+    /// An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity is a flat Gaussian. A finite log
+    /// scale is a finite scale.
+    fn from(raw: Raw) -> Self {
+        let scale = |log: f64| if log.is_finite() { log.exp().min(f64::MAX) } else { log.exp() };
+        Self {
+            mean: raw.mean,
+            scale: raw.log_scale.map(scale),
+            rotation: raw.rotation,
+            opacity: 1.0 / (1.0 + (-raw.opacity_logit).exp()),
+        }
+    }
 }
 
 /// The inverse of the sigmoid; infinite for 0 and 1.
@@ -51,9 +79,9 @@ impl Builder {
     }
 
     /// Adds `count` Gaussians; Gaussians that cannot be drawn are dropped and counted. `decode(index, sh)` returns
-    /// Gaussian
-    /// `index` from 0 to `count - 1` and writes its spherical harmonics, which are 0 before; it runs on many threads.
-    pub fn extend(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw + Sync) {
+    /// Gaussian `index` from 0 to `count - 1`, a [`Raw`] or an [`Activated`], and writes its spherical harmonics, which
+    /// are 0 before; it runs on many threads.
+    pub fn extend<G: Into<Activated>>(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> G + Sync) {
         let range = self.kept..self.kept + count;
         let all = &mut self.gaussians;
         if all.len() < range.end {
@@ -134,24 +162,28 @@ fn parts(all: &mut Gaussians, range: Range<usize>) -> impl IndexedParallelIterat
 
 impl Part<'_> {
     /// Decodes Gaussians up to the capacity of the block, and moves drawable ones to the front.
-    fn fill(self, decode: impl Fn(usize, &mut [[f32; 3]]) -> Raw) -> LoadReport {
+    fn fill<G: Into<Activated>>(self, decode: impl Fn(usize, &mut [[f32; 3]]) -> G) -> LoadReport {
         let mut report = LoadReport::default();
         let stride = self.sh.len() / self.means.len();
         let mut kept = 0;
         for index in 0..self.means.len() {
             let sh = &mut self.sh[kept * stride..][..stride];
             report.read += 1;
-            match canonical(&decode(index, sh), sh) {
+            match canonical(&decode(index, sh).into(), sh) {
                 Ok(gaussian) => {
                     self.means[kept] = gaussian.mean;
                     self.scales[kept] = gaussian.scale;
                     self.rotations[kept] = gaussian.rotation;
                     self.opacities[kept] = gaussian.opacity;
                     report.clamped_scale += usize::from(gaussian.has_clamped_scale);
+                    report.clamped_opacity += usize::from(gaussian.has_clamped_opacity);
                     kept += 1;
                     continue;
                 }
                 Err(Flaw::NotFinite) => report.not_finite += 1,
+                Err(Flaw::TooLarge) => report.too_large += 1,
+                Err(Flaw::NegativeScale) => report.negative_scale += 1,
+                Err(Flaw::OpacityRange) => report.opacity_range += 1,
                 Err(Flaw::ZeroRotation) => report.zero_rotation += 1,
                 Err(Flaw::Transparent) => report.transparent += 1,
             }
@@ -169,6 +201,7 @@ struct Canonical {
     has_clamped_scale: bool,
     rotation: [f32; 4],
     opacity: f32,
+    has_clamped_opacity: bool,
 }
 
 /// Upper bound on a coefficient: the sum of all of them times their basis functions does not overflow.
@@ -177,33 +210,62 @@ const MAX_SH: f32 = 1e36;
 /// Upper bound on a coordinate: the camera that frames such a scene is within 32-bit floats, too.
 const MAX_MEAN: f32 = 1e34;
 
+/// Largest excess of an opacity below 0 or above 1 that is taken for a rounding: more than a step of bfloat16 above 1
+/// (2^-7) and of 7 bits (1/127).
+const OPACITY_EXCESS: f64 = 0.01;
+
 /// Why a Gaussian cannot be drawn.
 #[derive(Debug)]
 enum Flaw {
     NotFinite,
+    TooLarge,
+    NegativeScale,
+    OpacityRange,
     ZeroRotation,
     Transparent,
 }
 
-fn canonical(raw: &Raw, sh: &[[f32; 3]]) -> Result<Canonical, Flaw> {
-    // Legal infinities: an infinite logit is an opacity of 0 or 1, a log scale of minus infinity is a flat Gaussian.
-    let mean = raw.mean.map(|v| v as f32);
-    let is_finite = mean.iter().all(|v| v.abs() <= MAX_MEAN)
-        && raw.rotation.iter().all(|v| v.is_finite())
-        && raw.log_scale.iter().all(|v| *v < f64::INFINITY)
-        && !raw.opacity_logit.is_nan()
+fn canonical(stored: &Activated, sh: &[[f32; 3]]) -> Result<Canonical, Flaw> {
+    let mean = stored.mean.map(|v| v as f32);
+    let is_in_range = mean.iter().all(|v| v.abs() <= MAX_MEAN)
+        && stored.rotation.iter().all(|v| v.is_finite())
+        && stored.scale.iter().all(|v| (0.0..f64::INFINITY).contains(v))
+        && (0.0..=1.0).contains(&stored.opacity)
         && sh.as_flattened().iter().all(|v| v.abs() < MAX_SH);
-    if !is_finite {
-        return Err(Flaw::NotFinite);
+    let mut opacity = stored.opacity;
+    if !is_in_range {
+        if let Some(flaw) = flaw(stored, sh) {
+            return Err(flaw);
+        }
+        opacity = opacity.clamp(0.0, 1.0);
     }
-    let rotation = unit(raw.rotation).ok_or(Flaw::ZeroRotation)?.map(|v| v as f32);
-    let opacity = (1.0 / (1.0 + (-raw.opacity_logit).exp())) as f32;
+    let rotation = unit(stored.rotation).ok_or(Flaw::ZeroRotation)?.map(|v| v as f32);
+    let has_clamped_opacity = opacity != stored.opacity;
+    let opacity = opacity as f32;
     if opacity == 0.0 {
         return Err(Flaw::Transparent);
     }
-    let scale = raw.log_scale.map(|s| s.exp() as f32);
+    let scale = stored.scale.map(|s| s as f32);
     let has_clamped_scale = scale.contains(&f32::INFINITY);
-    Ok(Canonical { mean, scale: scale.map(|s| s.min(f32::MAX)), has_clamped_scale, rotation, opacity })
+    let scale = scale.map(|s| s.min(f32::MAX));
+    Ok(Canonical { mean, scale, has_clamped_scale, rotation, opacity, has_clamped_opacity })
+}
+
+/// Why a Gaussian with a value out of range cannot be drawn; `None` if that value is an opacity that is clamped.
+fn flaw(stored: &Activated, sh: &[[f32; 3]]) -> Option<Flaw> {
+    let Activated { mean, scale, rotation, opacity } = stored;
+    let mut numbers = mean.iter().chain(scale).chain(rotation).chain(std::iter::once(opacity));
+    if !numbers.all(|v| v.is_finite()) || !sh.as_flattened().iter().all(|v| v.is_finite()) {
+        return Some(Flaw::NotFinite);
+    }
+    if mean.iter().any(|v| v.abs() > MAX_MEAN.into()) || sh.as_flattened().iter().any(|v| v.abs() >= MAX_SH) {
+        return Some(Flaw::TooLarge);
+    }
+    if scale.iter().any(|v| *v < 0.0) {
+        return Some(Flaw::NegativeScale);
+    }
+    let is_near = (-OPACITY_EXCESS..=1.0 + OPACITY_EXCESS).contains(opacity);
+    (!is_near).then_some(Flaw::OpacityRange)
 }
 
 /// Largest error of the squared length of a unit quaternion after rounding to 32-bit floats.
@@ -247,11 +309,11 @@ mod tests {
         build_coloured(raw, [0.5; 3])
     }
 
-    fn build_coloured(raw: Raw, colour: [f32; 3]) -> (Gaussians, LoadReport) {
+    fn build_coloured<G: Into<Activated> + Copy + Sync>(stored: G, colour: [f32; 3]) -> (Gaussians, LoadReport) {
         let mut builder = Builder::new(0, 1).unwrap();
         builder.extend(1, |_, sh| {
             sh[0] = colour;
-            raw
+            stored
         });
         builder.finish()
     }
@@ -266,8 +328,6 @@ mod tests {
         let bad = [
             Raw { mean: nan, ..GOOD },
             Raw { mean: [f64::INFINITY, 0.0, 0.0], ..GOOD },
-            Raw { mean: [1e39, 0.0, 0.0], ..GOOD },
-            Raw { mean: [0.0, -2e34, 0.0], ..GOOD },
             Raw { log_scale: nan, ..GOOD },
             Raw { log_scale: [f64::INFINITY, 0.0, 0.0], ..GOOD },
             Raw { rotation: [f64::NAN, 0.0, 0.0, 1.0], ..GOOD },
@@ -279,8 +339,39 @@ mod tests {
             assert_eq!(report, LoadReport { read: 1, not_finite: 1, ..LoadReport::default() }, "{raw:?}");
             assert!(gaussians.is_empty());
         }
-        for colour in [f32::NAN, f32::INFINITY, -3e38] {
+        for colour in [f32::NAN, f32::INFINITY] {
             assert_eq!(build_coloured(GOOD, [0.0, colour, 0.0]).1.not_finite, 1);
+        }
+    }
+
+    #[test]
+    fn every_reason_of_a_drop_is_counted_apart() {
+        let one = LoadReport { read: 1, ..LoadReport::default() };
+        for mean in [[1e39, 0.0, 0.0], [0.0, -2e34, 0.0]] {
+            assert_eq!(report(Raw { mean, ..GOOD }), LoadReport { too_large: 1, ..one });
+        }
+        assert_eq!(build_coloured(GOOD, [0.0, -3e38, 0.0]).1, LoadReport { too_large: 1, ..one });
+        let good = Activated::from(GOOD);
+        let found = |activated: Activated| build_coloured(activated, [0.5; 3]).1;
+        assert_eq!(found(Activated { scale: [1.0, -1e-3, 1.0], ..good }), LoadReport { negative_scale: 1, ..one });
+        for opacity in [1.02, 255.0, -0.02] {
+            assert_eq!(found(Activated { opacity, ..good }), LoadReport { opacity_range: 1, ..one }, "{opacity}");
+        }
+        assert_eq!(found(Activated { rotation: [0.0; 4], ..good }), LoadReport { zero_rotation: 1, ..one });
+        for opacity in [0.0, -1e-7, -0.005] {
+            assert_eq!(found(Activated { opacity, ..good }), LoadReport { transparent: 1, ..one }, "{opacity}");
+        }
+        assert_eq!(found(Activated { opacity: f64::NAN, ..good }), LoadReport { not_finite: 1, ..one });
+    }
+
+    #[test]
+    fn opacities_a_rounding_above_1_become_1_and_are_counted() {
+        // Steps above 1: of 32-bit floats, of 16-bit floats, of bfloat16.
+        for excess in [1.2e-7, 4.9e-4, 7.9e-3] {
+            let (gaussians, report) = build_coloured(Activated { opacity: 1.0 + excess, ..GOOD.into() }, [0.5; 3]);
+            assert_eq!(report, LoadReport { read: 1, clamped_opacity: 1, ..LoadReport::default() });
+            assert_eq!(gaussians.opacities(), [1.0]);
+            assert!(report.is_clean());
         }
     }
 
@@ -335,9 +426,6 @@ mod tests {
     fn a_load_report_counts_by_reason() {
         assert_eq!(LoadReport::default().to_string(), "nothing dropped");
         let report = LoadReport { read: 9, not_finite: 2, zero_rotation: 1, ..LoadReport::default() };
-        assert_eq!(
-            report.to_string(),
-            "2 dropped as not finite or too large for 32-bit floats, 1 dropped for a zero quaternion"
-        );
+        assert_eq!(report.to_string(), "2 dropped as not finite, 1 dropped for a zero quaternion");
     }
 }

@@ -14,21 +14,33 @@ use crate::host_memory::OutOfMemory;
 pub struct LoadReport {
     /// Gaussians in the file.
     pub read: usize,
-    /// Dropped: a mean, scale, rotation, opacity or colour is not a number, is infinite where that has no meaning, or
-    /// is too large for arithmetic in 32-bit floats.
+    /// Dropped: a mean, scale, rotation, opacity or colour is not a number, or is infinite where that has no meaning.
     pub not_finite: usize,
+    /// Dropped: a mean or a colour is too large for arithmetic in 32-bit floats.
+    pub too_large: usize,
+    /// Dropped: a standard deviation is below 0.
+    pub negative_scale: usize,
+    /// Dropped: the opacity is below -0.01 or above 1.01.
+    pub opacity_range: usize,
     /// Dropped: the quaternion has length zero.
     pub zero_rotation: usize,
     /// Dropped: the opacity is zero.
     pub transparent: usize,
     /// Kept: a scale was beyond the range of 32-bit floats and became the largest of them.
     pub clamped_scale: usize,
+    /// Kept: the opacity was above 1 by up to 0.01, a rounding, and became 1.
+    pub clamped_opacity: usize,
 }
 
 impl LoadReport {
     /// Number of dropped Gaussians.
     pub fn dropped(&self) -> usize {
-        self.not_finite + self.zero_rotation + self.transparent
+        self.unusable() + self.transparent
+    }
+
+    /// Number of Gaussians that were dropped because of wrong values.
+    fn unusable(&self) -> usize {
+        self.not_finite + self.too_large + self.negative_scale + self.opacity_range + self.zero_rotation
     }
 
     /// The sum of the reports of two parts of a scene.
@@ -36,15 +48,19 @@ impl LoadReport {
         Self {
             read: self.read + other.read,
             not_finite: self.not_finite + other.not_finite,
+            too_large: self.too_large + other.too_large,
+            negative_scale: self.negative_scale + other.negative_scale,
+            opacity_range: self.opacity_range + other.opacity_range,
             zero_rotation: self.zero_rotation + other.zero_rotation,
             transparent: self.transparent + other.transparent,
             clamped_scale: self.clamped_scale + other.clamped_scale,
+            clamped_opacity: self.clamped_opacity + other.clamped_opacity,
         }
     }
 
-    /// True if nothing was changed, and only invisible Gaussians were dropped.
+    /// True if nothing was changed by more than a rounding, and only invisible Gaussians were dropped.
     pub fn is_clean(&self) -> bool {
-        self.not_finite + self.zero_rotation + self.clamped_scale == 0
+        self.unusable() + self.clamped_scale == 0
     }
 }
 
@@ -52,10 +68,14 @@ impl LoadReport {
 impl fmt::Display for LoadReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [
-            (self.not_finite, "dropped as not finite or too large for 32-bit floats"),
+            (self.not_finite, "dropped as not finite"),
+            (self.too_large, "dropped as too large for 32-bit floats"),
+            (self.negative_scale, "dropped for a negative scale"),
+            (self.opacity_range, "dropped for an opacity outside of 0 to 1"),
             (self.zero_rotation, "dropped for a zero quaternion"),
             (self.transparent, "dropped as fully transparent"),
             (self.clamped_scale, "with a scale clamped to the largest float"),
+            (self.clamped_opacity, "with an opacity just above 1, drawn as 1"),
         ];
         let parts: Vec<_> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
         f.write_str(if parts.is_empty() { "nothing dropped" } else { "" })?;
@@ -66,7 +86,7 @@ impl fmt::Display for LoadReport {
 /// Differences between a scene and its file, one sentence each.
 pub fn remarks(name: &str, report: &LoadReport, notices: &[String]) -> Vec<String> {
     let mut remarks: Vec<String> = notices.iter().map(|notice| format!("note: {name}: {notice}")).collect();
-    if report.dropped() + report.clamped_scale > 0 {
+    if report.dropped() + report.clamped_scale + report.clamped_opacity > 0 {
         let level = if report.is_clean() { "note" } else { "warning" };
         remarks.push(format!("{level}: {name}: of {} Gaussians {report}", report.read));
     }

@@ -33,7 +33,7 @@ mod transform;
 mod watch;
 
 pub use bounds::{Bounds, Focus};
-pub use canonical::{Builder, Raw};
+pub use canonical::{Activated, Builder, Raw};
 pub use gaussians::{Gaussians, MAX_SH_DEGREE, USUAL_SH_DEGREE, sh_coefficients};
 pub use instances::SceneInstances;
 pub use loaded::{LoadReport, NoLevel, Scene, SceneLevel, Unreadable, remarks};

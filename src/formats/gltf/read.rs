@@ -12,8 +12,7 @@ use super::buffers;
 use super::buffers::Buffer;
 use crate::formats::input::{Input, checked_count, word};
 use crate::scene::{
-    BLOCK, Builder, Gaussians, LoadReport, RIGHT_UP_BACK, Raw, Scene, Transform, USUAL_SH_DEGREE, logit,
-    sh_coefficients,
+    Activated, BLOCK, Builder, Gaussians, LoadReport, RIGHT_UP_BACK, Scene, Transform, USUAL_SH_DEGREE, sh_coefficients,
 };
 
 pub(crate) const MAGIC: u32 = 0x4654_6c67; // "glTF"
@@ -367,11 +366,11 @@ impl<'b> Part<'b> {
                 let [x, y, z, w] = self.rotation.row(index);
                 let [opacity] = self.opacity.row(index);
                 let scale = self.scale.row(index);
-                Raw {
+                Activated {
                     mean: self.mean.row(index),
-                    log_scale: if self.has_logarithms { scale } else { scale.map(f64::ln) },
+                    scale: if self.has_logarithms { scale.map(f64::exp) } else { scale },
                     rotation: [w, x, y, z],
-                    opacity_logit: logit(opacity),
+                    opacity,
                 }
             });
         }

@@ -5,7 +5,7 @@ use anyhow::{Result, ensure};
 
 use crate::formats::input::{Input, TakeBlock};
 use crate::scene::harmonics::C0;
-use crate::scene::{BLOCK, Builder, LoadReport, Raw, Scene, logit};
+use crate::scene::{Activated, BLOCK, Builder, LoadReport, Scene};
 
 /// Bytes of a Gaussian: mean and scales as 32-bit floats; colour, opacity and quaternion w x y z as bytes.
 const ROW: usize = 32;
@@ -61,7 +61,7 @@ fn blocks(input: &mut Input, mut take: impl FnMut(&mut Input, &[[u8; ROW]]) -> R
     Ok(())
 }
 
-fn decode(row: &[u8; ROW], sh: &mut [[f32; 3]]) -> Raw {
+fn decode(row: &[u8; ROW], sh: &mut [[f32; 3]]) -> Activated {
     sh[0] = colour(&row[24..]);
     gaussian(row)
 }
@@ -84,13 +84,12 @@ fn is_plausible(row: &[u8; ROW]) -> bool {
         && scale.iter().any(|v| *v > 0.0)
 }
 
-fn gaussian(row: &[u8; ROW]) -> Raw {
-    let alpha = f64::from(row[27]) / 255.0;
-    Raw {
+fn gaussian(row: &[u8; ROW]) -> Activated {
+    Activated {
         mean: floats(&row[..]).map(f64::from),
-        log_scale: floats(&row[12..]).map(|v| f64::from(v).ln()),
+        scale: floats(&row[12..]).map(f64::from),
         rotation: std::array::from_fn(|i| (f64::from(row[28 + i]) - 128.0) / 128.0),
-        opacity_logit: logit(alpha),
+        opacity: f64::from(row[27]) / 255.0,
     }
 }
 
