@@ -9,6 +9,7 @@ mod camera_errors;
 mod cameras;
 mod convert;
 mod degree_4;
+mod dialects;
 mod example;
 mod independent;
 mod named_files;

@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result, ensure};
 
+use super::dialects;
 use super::header::{Element, Property, Scalar};
 use super::rows::{binary_rows, skip};
 use crate::formats::input::Input;
@@ -19,12 +20,15 @@ struct Chunk {
 }
 
 pub(crate) fn read(input: &mut Input, elements: &[Element]) -> Result<Scene> {
-    let (mut chunks, mut vertices, mut sh) = (None, None, None);
+    let (mut chunks, mut vertices, mut sh, mut notices) = (None, None, None, Vec::new());
     for element in elements {
         match element.name.as_str() {
             "chunk" => chunks = Some(read_chunks(input, element)?),
-            "vertex" => vertices = Some(read_vertices(input, element)?),
-            "sh" => sh = Some(read_sh(input, element)?),
+            "vertex" => {
+                notices = dialects::notices(element);
+                vertices = Some(read_vertices(input, element)?);
+            }
+            "sh" if element.count > 0 => sh = Some(read_sh(input, element)?),
             _ => skip(input, element)?,
         }
     }
@@ -76,7 +80,7 @@ pub(crate) fn read(input: &mut Input, elements: &[Element]) -> Result<Scene> {
         report,
         format: "compressed PLY".to_owned(),
         is_antialiased: false,
-        notices: Vec::new(),
+        notices,
         levels: Vec::new(),
     })
 }

@@ -24,7 +24,7 @@ pub(crate) enum Encoding {
 pub(crate) struct Element {
     pub name: String,
     pub count: u64,
-    /// Scalar properties in file order; lists are left out.
+    /// Scalar properties in file order; lists are left out. CloudCompare's `scalar_` or `scal_` before a name is, too.
     pub properties: Vec<Property>,
     /// It has a list property, so the size of its rows is unknown.
     pub has_list: bool,
@@ -34,7 +34,10 @@ pub(crate) struct Element {
 #[derive(Clone, Debug)]
 pub(crate) struct Property {
     pub name: String,
+    /// The type that the header states.
     pub kind: Scalar,
+    /// The type of the value in a row: `kind`, or 64-bit floats if the row was text.
+    stored: Scalar,
     /// Bytes from the start of the element.
     pub offset: usize,
     is_big_endian: bool,
@@ -65,6 +68,15 @@ impl Scalar {
             "double" | "float64" => Self::F64,
             _ => return None,
         })
+    }
+
+    /// The largest value of an unsigned integer, which stands for 1; `None` for other types.
+    pub fn one(self) -> Option<f64> {
+        match self {
+            Self::U8 => Some(255.0),
+            Self::U16 => Some(65535.0),
+            _ => None,
+        }
     }
 
     fn bytes(self) -> usize {
@@ -99,7 +111,7 @@ impl Scalar {
 
 impl Element {
     pub fn stride(&self) -> usize {
-        self.properties.iter().map(|p| p.kind.bytes()).sum()
+        self.properties.iter().map(|p| p.stored.bytes()).sum()
     }
 
     pub fn property(&self, name: &str) -> Result<&Property> {
@@ -116,9 +128,21 @@ impl Element {
         (0..).take_while(|i| self.has(&format!("{stem}{i}"))).count()
     }
 
+    /// Removes what CloudCompare puts before the names of scalar fields.
+    fn remove_prefixes(&mut self) {
+        for index in 0..self.properties.len() {
+            let name = &self.properties[index].name;
+            let bare = name.strip_prefix("scalar_").unwrap_or(name);
+            let bare = bare.strip_prefix("scal_").unwrap_or(bare).to_owned();
+            if !self.has(&bare) {
+                self.properties[index].name = bare;
+            }
+        }
+    }
+
     /// The element with 64-bit floats for all properties, the form in which parsed lines of text are kept.
     pub fn widened(&self) -> Self {
-        let widen = |(i, p): (usize, &Property)| Property { kind: Scalar::F64, offset: 8 * i, ..p.clone() };
+        let widen = |(i, p): (usize, &Property)| Property { stored: Scalar::F64, offset: 8 * i, ..p.clone() };
         let properties = self.properties.iter().enumerate().map(widen).collect();
         Self { properties, encoding: Encoding::LittleEndian, ..self.clone() }
     }
@@ -126,20 +150,20 @@ impl Element {
 
 impl Property {
     pub fn read(&self, element: &[u8]) -> f64 {
-        self.kind.read(&element[self.offset..], self.is_big_endian)
+        self.stored.read(&element[self.offset..], self.is_big_endian)
     }
 
     /// The value rounded to 32 bits. Most of a file is colours in 32-bit floats, which are copied.
     #[inline]
     pub fn read_f32(&self, element: &[u8]) -> f32 {
         match element[self.offset..].first_chunk() {
-            Some(bytes) if self.kind == Scalar::F32 && !self.is_big_endian => f32::from_le_bytes(*bytes),
+            Some(bytes) if self.stored == Scalar::F32 && !self.is_big_endian => f32::from_le_bytes(*bytes),
             _ => self.read(element) as f32,
         }
     }
 }
 
-/// The elements of a PLY, and what its comments state.
+/// The elements of a PLY that hold something, and what its comments state.
 pub(crate) struct Header {
     pub elements: Vec<Element>,
     pub is_antialiased: bool,
@@ -185,13 +209,17 @@ pub(crate) fn read(input: &mut Input) -> Result<Header> {
                         );
                         ensure!(!element.has(name), "header line {number}: property {} is there twice", quoted(name));
                         let (offset, is_big_endian) = (element.stride(), element.encoding == Encoding::BigEndian);
-                        element.properties.push(Property { name: quoted(name), kind, offset, is_big_endian });
+                        let (name, stored) = (quoted(name), kind);
+                        element.properties.push(Property { name, kind, stored, offset, is_big_endian });
                     }
                     _ => bail!("header line {number} is not PLY: '{}'", quoted(&line)),
                 }
             }
             ["end_header"] => {
                 ensure!(encoding.is_some(), "the PLY header has no format line");
+                // Each row of a text has a line, even if there is nothing in it.
+                elements.retain(|e| e.has_list || !e.properties.is_empty() || e.encoding == Encoding::Ascii);
+                elements.iter_mut().for_each(Element::remove_prefixes);
                 return Ok(Header { elements, is_antialiased: comments.is_antialiased, notices: comments.notices() });
             }
             _ => bail!("header line {number} is not PLY: '{}'", quoted(&line)),
@@ -220,26 +248,30 @@ pub(crate) fn quoted(text: &str) -> String {
 #[derive(Default)]
 struct Comments {
     is_antialiased: bool,
-    is_flat: bool,
+    mode: Option<String>,
     kernel_size: Option<f64>,
+    background: Option<String>,
     vertical: Option<String>,
 }
 
 impl Comments {
     fn take(&mut self, words: &[&str]) {
-        match words {
+        let words: Vec<String> = words.iter().map(|word| word.to_ascii_lowercase()).collect();
+        match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
             // Brush and splat-transform.
-            ["SplatRenderMode:", mode] => {
-                self.is_antialiased = *mode == "mip";
-                self.is_flat = *mode == "2dgs";
+            ["splatrendermode:", mode] => {
+                self.is_antialiased = mode == "mip";
+                self.mode = Some(mode.to_owned());
             }
             // Postshot.
-            ["antialiased", flag] => self.is_antialiased = *flag == "1",
-            ["Vertical", "axis:", axis] => self.vertical = Some((*axis).to_owned()),
+            ["antialiased", flag] => self.is_antialiased = flag == "1",
+            // Brush writes y or three numbers, nerfstudio z.
+            ["vertical", "axis:", ref axis @ ..] => self.vertical = Some(axis.join(" ")),
             // web-splat.
             [word] => match word.split_once('=') {
                 Some(("mip", flag)) => self.is_antialiased = matches!(flag, "true" | "1"),
                 Some(("kernel_size", size)) => self.kernel_size = size.parse().ok(),
+                Some(("background_color", colour)) => self.background = Some(colour.to_owned()),
                 _ => {}
             },
             _ => {}
@@ -248,15 +280,30 @@ impl Comments {
 
     /// Differences between these settings and the picture.
     fn notices(&self) -> Vec<String> {
-        let size = self.kernel_size.filter(|size| *size != LOW_PASS);
-        let size = size.map(|size| format!("it asks for a kernel of {size} px^2, but is drawn with {LOW_PASS}"));
-        let is_other = |axis: &&String| !matches!(axis.to_ascii_lowercase().as_str(), "y" | "-y");
-        let vertical = self.vertical.as_ref().filter(is_other);
-        let vertical = vertical
-            .map(|axis| format!("its vertical axis is {}, but it is drawn with y as vertical axis", quoted(axis)));
-        let flat = self.is_flat.then(|| "it was trained as 2D Gaussians, and is drawn as flat ones in 3D".to_owned());
-        [size, vertical, flat].into_iter().flatten().collect()
+        let is_other = |axis: &&String| !matches!(axis.as_str(), "y" | "-y");
+        let vertical = self.vertical.as_ref().filter(is_other).map(|axis| {
+            format!("its vertical axis is {}, but it is drawn with y as vertical axis; --up turns it", quoted(axis))
+        });
+        let mode = match self.mode.as_deref() {
+            None | Some("default" | "mip") => None,
+            Some("2dgs") => Some("it was trained as 2D Gaussians, and is drawn as flat ones in 3D".to_owned()),
+            Some(other) => Some(format!("its mode of rendering, {}, is unknown and not used", quoted(other))),
+        };
+        let is_black = |colour: &str| colour.split(',').all(|value| value.parse() == Ok(0.0));
+        let background = self.background.as_deref().filter(|colour| !is_black(colour));
+        let background = background.map(|colour| background_notice(&quoted(colour)));
+        [self.kernel_size.and_then(kernel_notice), vertical, mode, background].into_iter().flatten().collect()
     }
+}
+
+/// A note on a scene that was trained with this low-pass.
+pub(crate) fn kernel_notice(px2: f64) -> Option<String> {
+    (px2 != LOW_PASS).then(|| format!("it asks for a kernel of {px2} px^2, but is drawn with {LOW_PASS}"))
+}
+
+/// A note on a scene that was trained on a background other than black.
+pub(crate) fn background_notice(colour: &str) -> String {
+    format!("it was trained on the background {colour}, which --background sets; the default is black")
 }
 
 /// px^2, the low-pass that renderers of the original kind add to the covariance on the screen.

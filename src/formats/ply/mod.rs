@@ -3,6 +3,7 @@
 //! - `read` - selects one of the three by the header, and reads Gaussians with 32-bit floats
 //! - `header` - elements and properties of the header
 //! - `layout` - positions of the attributes in a row
+//! - `dialects` - properties that trainers and tools write beside them
 //! - `rows` - rows of an element, binary or text
 //! - `points` - point clouds, drawn as small Gaussians
 //! - `write` - 32-bit floats
@@ -10,6 +11,7 @@
 
 mod compressed_read;
 pub(crate) mod compressed_write;
+mod dialects;
 mod header;
 mod layout;
 mod points;

@@ -18,7 +18,7 @@ const GREY: [f32; 3] = [0.0; 3];
 
 pub(crate) fn read(input: &mut Input, rows: &mut Rows, kept: &Element) -> Result<Scene> {
     let position = all(kept, ["x", "y", "z"])?;
-    let colour = kept.has("red").then(|| Colour::of(kept)).transpose()?;
+    let colour = Colour::channels(kept)?.map(|_| Colour::of(kept)).transpose()?;
     let mut means: Vec<[f32; 3]> = host_vec(rows.count, "points")?;
     let mut colours: Vec<[f32; 3]> = host_vec(rows.count, "colours of points")?;
     let stride = kept.stride();
