@@ -16,24 +16,44 @@ const LARGE: f64 = 0.25;
 
 /// What the notes of a run depend on. Each kind is printed once, but for empty pictures, which all have one.
 pub(super) struct Notes {
-    scene: SceneSource,
+    sample: Sample,
     /// World units.
     near: f64,
+    /// The scene is in memory, and is drawn as it is.
+    is_whole: bool,
     near_is_noted: bool,
     slabs_are_noted: bool,
 }
 
+/// Places in the scene.
+enum Sample {
+    /// Every so many Gaussians.
+    Means(Vec<DVec3>, usize),
+    /// A page file states no more.
+    Middle(DVec3),
+}
+
 impl Notes {
     pub fn new(scene: &SceneSource, near: f32) -> Self {
-        Self { scene: scene.clone(), near: near.into(), near_is_noted: false, slabs_are_noted: false }
+        let is_placed = scene.instances.is_some();
+        let sample = match &scene.content {
+            Content::Memory { .. } if is_placed => Sample::Means(Vec::new(), 1),
+            Content::Memory { gaussians, .. } => {
+                let step = gaussians.len().div_ceil(EXAMINED).max(1);
+                let means = gaussians.means().iter().step_by(step).map(|mean| DVec3::from(mean.map(f64::from)));
+                Sample::Means(means.collect(), step)
+            }
+            Content::File(file) => Sample::Middle(DVec3::from(file.header().statistics.focus.centre)),
+        };
+        let is_whole = matches!(scene.content, Content::Memory { .. }) && !is_placed;
+        Self { sample, near: near.into(), is_whole, near_is_noted: false, slabs_are_noted: false }
     }
 
     /// Prints the notes on a frame of the GPU.
     pub fn on_frame(&mut self, files: &str, camera: &Camera, frame: &Frame) {
         self.on_view(files, camera, frame.totals.visible == 0);
         // Scenes in files and at places are drawn in slabs whatever the memory.
-        let is_whole = matches!(self.scene.content, Content::Memory { .. }) && self.scene.instances.is_none();
-        if frame.parts.is_some_and(|parts| parts.slabs > 1) && is_whole && !self.slabs_are_noted {
+        if frame.parts.is_some_and(|parts| parts.slabs > 1) && self.is_whole && !self.slabs_are_noted {
             self.slabs_are_noted = true;
             remark(
                 "note: the scene or its lists exceed the memory or the largest buffer of the device: pictures are \
@@ -48,42 +68,35 @@ impl Notes {
         if !is_empty && self.near_is_noted {
             return;
         }
-        match (self.cut(camera), is_empty) {
-            (Some(cut), _) => {
+        match self.cut(camera) {
+            Some(cut) => {
                 self.near_is_noted = true;
                 let near = self.near as f32;
                 remark(&format!(
                     "note: {files}: {cut} between the camera and the near plane of {near}; --near sets it"
                 ));
             }
-            (None, true) => remark(&format!("note: {files}: no Gaussian is in view")),
-            (None, false) => {}
+            None if is_empty => remark(&format!("note: {files}: no Gaussian is in view")),
+            None => {}
         }
     }
 
     /// What the near plane cuts away, as the beginning of a sentence, if that is much.
     fn cut(&self, camera: &Camera) -> Option<String> {
-        let gaussians = match &self.scene.content {
-            _ if self.scene.instances.is_some() => return None,
-            Content::Memory { gaussians, .. } => gaussians,
-            // A page file states where its scene is, and not more.
-            Content::File(file) => {
-                let centre = DVec3::from(file.header().statistics.focus.centre);
-                let is_cut = camera.sees(centre) && camera.view(centre).z < self.near;
-                return is_cut.then(|| "the middle of the scene lies".to_owned());
+        let is_cut = |place: &&DVec3| camera.view(**place).z < self.near;
+        match &self.sample {
+            Sample::Means(means, step) => {
+                let in_view: Vec<_> = means.iter().filter(|mean| camera.sees(**mean)).collect();
+                let cut = in_view.iter().copied().filter(is_cut).count();
+                if cut == 0 || (cut as f64) < LARGE * in_view.len() as f64 {
+                    return None;
+                }
+                let about = if *step > 1 { "about " } else { "" };
+                Some(format!("{about}{} of {} Gaussians in view lie", cut * step, in_view.len() * step))
             }
-        };
-        let count = |step: usize| {
-            let means = gaussians.means().iter().step_by(step).map(|mean| DVec3::from(mean.map(f64::from)));
-            means
-                .filter(|mean| camera.sees(*mean))
-                .fold([0, 0], |[cut, all], mean| [cut + usize::from(camera.view(mean).z < self.near), all + 1])
-        };
-        let [cut, all] = count(gaussians.len().div_ceil(EXAMINED).max(1));
-        if cut == 0 || (cut as f64) < LARGE * all as f64 {
-            return None;
+            Sample::Middle(middle) => {
+                (camera.sees(*middle) && is_cut(&middle)).then(|| "the middle of the scene lies".to_owned())
+            }
         }
-        let [cut, all] = count(1);
-        Some(format!("{cut} of {all} Gaussians in view lie"))
     }
 }
