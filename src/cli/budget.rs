@@ -15,13 +15,13 @@ use crate::rules::Background;
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = ACCURACY)]
 pub(super) struct BudgetArgs {
-    /// Take the fastest options whose colours stay within ERROR, like 0.02 or 4/255
+    /// The fastest options with colours within ERROR, like 0.02 or 4/255
     ///
     /// Several options are tried. Colours stay within ERROR of the reference (white is 1) by proof, or else by
     /// measurement on views of the scene, with a margin. Exit code 6 if no options do.
     #[arg(long, value_name = "ERROR", conflicts_with = "min_psnr", value_parser = values::error(values::MOST_ERROR))]
     pub max_error: Option<f64>,
-    /// Take the fastest options whose PSNR to the reference is at least DB
+    /// The fastest options with a PSNR of at least DB to the reference
     ///
     /// Several options are tried. Exit code 6 if no options have this PSNR.
     #[arg(long, value_name = "DB", value_parser = values::decibels)]

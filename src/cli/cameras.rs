@@ -188,7 +188,7 @@ pub(super) struct FilmArgs {
     #[arg(long, help_heading = MANY, value_name = "N", value_parser = whole::<usize>(1..=MAX_FRAMES as u64))]
     #[arg(conflicts_with_all = ["path", "cameras", "camera", "split", "eye", "dump"])]
     orbit: Option<usize>,
-    /// Frames per second of --path and --video, like 24 or 30000/1001 [default: 30]
+    /// Frames per second of --path and --video, like 30000/1001 [default: 30]
     ///
     /// A camera_path.json of nerfstudio has a rate of its own, which is the default for it.
     #[arg(long, help_heading = MANY, value_name = "FPS")]

@@ -16,7 +16,9 @@ use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Vali
 #[derive(Args)]
 #[command(next_help_heading = DEVICE)]
 pub(super) struct DeviceArgs {
-    /// Number in the list of `smalto doctor`, or part of a name [default: the fastest]
+    /// Number in the list of `smalto doctor`, or part of a name
+    ///
+    /// By default, the fastest kind.
     #[arg(long, value_name = "DEVICE", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
     #[command(flatten)]

@@ -85,6 +85,7 @@ fn flag(knob: &'static Knob) -> Arg {
         .long_help(knob.help)
         .help_heading(if knob.is_of_levels() { LEVELS } else { ACCURACY })
         .hide_short_help(RARE.contains(&knob.name))
+        .hide_possible_values(matches!(knob.kind, Kind::Flag))
         .value_parser(values)
 }
 

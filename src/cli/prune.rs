@@ -85,7 +85,7 @@ pub(super) struct Args {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
-    /// The given views: positions or image names, as for `smalto render`
+    /// The given views, as for `smalto render`
     #[arg(long, help_heading = CAMERAS, value_name = "CAMERAS", allow_hyphen_values = true, default_value = "all")]
     camera: String,
     /// Picture size in pixels of the views [default: the cameras']

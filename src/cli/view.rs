@@ -54,7 +54,10 @@ pub(super) struct Args {
     /// Start in full screen
     #[arg(long, help_heading = WINDOW)]
     fullscreen: bool,
-    /// When a picture is shown: on (at a refresh of the screen), off or mailbox
+    /// When a picture is shown: on, off or mailbox
+    ///
+    /// on: one picture at every refresh of the screen, never torn (FIFO). off: every picture at once; it may be torn
+    /// (IMMEDIATE). mailbox: the newest picture at every refresh, never torn (MAILBOX).
     #[arg(long, help_heading = WINDOW, value_name = "WHEN", default_value = "on", value_parser = vsync_values())]
     #[arg(hide_possible_values = true)]
     vsync: Vsync,
@@ -64,7 +67,7 @@ pub(super) struct Args {
     /// Written pictures have neither.
     #[arg(long, help_heading = WINDOW, value_name = "RATE", value_parser = values::number(1.0..=10_000.0))]
     target_fps: Option<f64>,
-    /// View mode: what is shown in place of colours; --help lists the modes
+    /// View mode, in place of colours; --help lists them
     #[arg(long, help_heading = WINDOW, value_name = "MODE", default_value = "colour", value_parser = view_modes())]
     #[arg(hide_possible_values = true)]
     #[arg(long_help = looks())]
@@ -78,7 +81,9 @@ pub(super) struct Args {
     /// Start with the panels hidden
     #[arg(long, help_heading = WINDOW)]
     no_panels: bool,
-    /// File of key bindings [default: smalto/viewer.toml among the user's settings]
+    /// File of key bindings
+    ///
+    /// By default smalto/viewer.toml in the user's folder of settings.
     #[arg(long, help_heading = WINDOW, value_name = "FILE")]
     keys: Option<PathBuf>,
     /// Read a scene file again when it changes, and keep the view
@@ -86,7 +91,7 @@ pub(super) struct Args {
     /// For a training that writes its scene now and then.
     #[arg(long, help_heading = WINDOW, conflicts_with_all = ["offscreen", "screen", "path"])]
     follow: bool,
-    /// exact, balanced, fast, preview; inria, gsplat, khr; portable [default: balanced]
+    /// exact, balanced (default), fast, preview, inria, gsplat, khr, portable
     ///
     /// The first four are accuracy for speed. inria, gsplat and khr draw exactly by the rules of another renderer.
     /// portable is balanced by the stages that run on every device.
@@ -102,15 +107,15 @@ pub(super) struct Args {
     /// Write events to standard output, one line of JSON each
     #[arg(long, help_heading = MEASURING)]
     events: bool,
-    /// Open no window: draw this many frames of the viewer and print their times
+    /// Open no window: draw this many frames, and print their times
     ///
     /// The views are the cameras of the file in turn.
     #[arg(long, help_heading = MEASURING, value_name = "FRAMES", value_parser = values::whole::<u32>(4..=1_000_000))]
     #[arg(conflicts_with_all = ["fullscreen", "vsync"])]
     offscreen: Option<u32>,
-    /// With --offscreen: frames along a camera path, as `smalto render` takes it
+    /// With --offscreen: frames along a camera path
     ///
-    /// There is a frame every 60th of a second, as on a screen.
+    /// The path is one that `smalto render` takes. There is a frame every 60th of a second, as on a screen.
     #[arg(long, help_heading = MEASURING, value_name = "PATH", requires = "offscreen")]
     #[arg(conflicts_with_all = ["cameras", "fullscreen", "vsync"])]
     path: Option<PathBuf>,

@@ -138,7 +138,7 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "antialiased",
         value_name: "BOOL",
-        help: "Antialiasing of Mip-Splatting [default: as the scene was trained]\n\nThe opacity of a splat becomes \
+        help: "Antialiasing, true or false [default: as the scene was trained]\n\nThat of Mip-Splatting: the opacity of a splat becomes \
                lower as the low-pass filter widens it.",
         group: Group::Rules,
         kind: Kind::Flag,

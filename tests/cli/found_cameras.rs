@@ -57,7 +57,7 @@ fn a_near_plane_that_cuts_the_view_is_named_in_a_note() {
     let (scene, cameras, out) = (path(&folder, "small.ply"), path(&folder, "cameras.json"), path(&folder, "a.png"));
     // 1.5 cm high, seen from 8 cm away.
     ok(&["convert", "cactus:200", "--transform", "translate=0,1.2,0", "--transform", "scale=0.005", &scene]);
-    let camera = Camera::looking_at(DVec3::new(0.0, 0.0, -0.08), DVec3::ZERO, [32, 24], 1.0);
+    let camera = Camera::looking_at(DVec3::new(0.0, 0.0, -0.08), DVec3::ZERO, [32, 24], 1.6);
     camera::write(Path::new(&cameras), &[NamedCamera { name: "0".to_owned(), camera }]).unwrap();
     let render = |more: &[&str]| notes(&[&["render", &scene, "--camera", "0", "-o", &out], more].concat());
     let said = render(&[]);

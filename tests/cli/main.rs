@@ -16,6 +16,7 @@ mod knobs;
 mod outputs;
 mod places;
 mod prune;
+mod reports;
 mod scenes;
 mod schemas;
 mod shards;

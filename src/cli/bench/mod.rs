@@ -52,7 +52,7 @@ pub(super) struct Args {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
-    /// orbit, orbit-zoom, turn, a camera path FILE; in the town: street, roof, air
+    /// orbit, orbit-zoom, turn, street, roof, air or a file
     ///
     /// One turn around the scene (orbit), the same with two approaches to it (orbit-zoom), one turn on the spot in the
     /// middle of the scene (turn), or a smooth path through the cameras of a file. In the town: along streets, one turn
@@ -93,11 +93,14 @@ pub(super) struct Args {
     /// Compare with an earlier report; exit code 6 if a frame is slower
     #[arg(long, help_heading = MEASURING, value_name = "FILE")]
     baseline: Option<PathBuf>,
-    /// Largest increase of the frame time over the baseline, in percent
+    /// Largest increase of the frame time, in percent
     #[arg(long, help_heading = MEASURING, value_name = "PERCENT", default_value_t = 5.0)]
     #[arg(value_parser = values::number(0.0..=1e6))]
     threshold: f64,
-    /// Presets: exact, balanced, fast, preview, inria, gsplat, khr, portable
+    /// Presets, like exact,balanced,fast,preview
+    ///
+    /// exact, balanced, fast, preview: accuracy for speed. inria, gsplat, khr: exactly by the rules of another renderer.
+    /// portable: balanced by the stages that run on every device.
     #[arg(long, help_heading = ACCURACY, value_name = "NAME,...", default_value = "balanced", value_delimiter = ',')]
     #[arg(value_parser = knobs::preset_names(), hide_possible_values = true)]
     preset: Vec<String>,

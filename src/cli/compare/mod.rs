@@ -56,9 +56,9 @@ pub(super) struct Args {
     #[arg(long, help_heading = MEASURING, value_name = "PIXELS", default_value_t = PIXELS_PER_DEGREE)]
     #[arg(value_parser = number(1.0..=1000.0))]
     ppd: f64,
-    /// Largest difference of a colour value, like 0.02 or 4/255; white is 1
+    /// Largest difference of a colour value, like 0.02 or 4/255
     ///
-    /// No threshold is met by a picture with infinities or NaN.
+    /// White is 1. No threshold is met by a picture with infinities or NaN.
     #[arg(long, help_heading = LIMITS, value_name = "ERROR", value_parser = values::error(MOST_ERROR))]
     max_error: Option<f64>,
     /// Least PSNR of a pair, in dB
@@ -75,9 +75,9 @@ pub(super) struct Args {
     /// Full coverage is 1.
     #[arg(long, help_heading = LIMITS, value_name = "ERROR", value_parser = values::error(MOST_ERROR))]
     max_alpha_error: Option<f64>,
-    /// Largest difference of depths or other numbers, in their own unit
+    /// Largest difference of depths or other numbers
     ///
-    /// For pictures of a single channel of floats, which meet no threshold of colours. A pixel with a number in only one
+    /// In their own unit. For pictures of a single channel of floats, which meet no threshold of colours. A pixel with a number in only one
     /// of two pictures exceeds it.
     #[arg(long, help_heading = LIMITS, value_name = "ERROR", value_parser = number(0.0..=1e30))]
     max_depth_error: Option<f64>,

@@ -43,7 +43,7 @@ Examples:
   smalto convert zup.ply upright.ply --up z
 
 Order of the steps: --flip and --up for each input, join, --transform, --crop, --min-opacity, --sh-degree.
-The file is read back and compared before it replaces an existing one, but for a .smalto file, whose pages have
+The file is read back and compared before it replaces an existing one, but for a .smalto file, whose pages have \
 checksums."
 )]
 pub(super) struct Args {
@@ -83,7 +83,7 @@ pub(super) struct Args {
 /// The options that `smalto convert` and `smalto lod` share.
 #[derive(clap::Args)]
 struct WritingArgs {
-    /// Host memory in which the Gaussians of a .smalto file are sorted [default: 2GiB]
+    /// Memory for sorting the Gaussians of a .smalto file [default: 2GiB]
     #[arg(long, help_heading = OUTPUT, value_name = "SIZE", value_parser = values::memory)]
     host_memory: Option<u64>,
     /// Write the report as JSON; - prints it instead of the table
@@ -98,9 +98,9 @@ struct Edits {
     /// Leave out spherical harmonics above this degree
     #[arg(long, value_name = "DEGREE", value_parser = whole::<u32>(0..=u64::from(MAX_SH_DEGREE)))]
     sh_degree: Option<u32>,
-    /// translate=X,Y,Z, rotate=X,Y,Z (degrees) or scale=FACTOR; several times
+    /// translate=X,Y,Z, rotate=X,Y,Z or scale=FACTOR; may be repeated
     ///
-    /// Rotations are about x, then y, then z. The steps are applied in order.
+    /// Rotations are in degrees, about x, then y, then z. The steps are applied in order.
     #[arg(long, value_name = "STEP", allow_hyphen_values = true, value_parser = parse_step)]
     transform: Vec<Transform>,
     /// Keep the means in box=X,Y,Z,X,Y,Z or sphere=X,Y,Z,RADIUS

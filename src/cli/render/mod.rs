@@ -77,15 +77,15 @@ smalto render --help has every option in full; docs/commands.md has more example
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Picture file, or folder for several pictures [default: the scene's name]
+    /// Picture file, or folder for several [default: the scene's name]
     ///
     /// A .png has 8 bits per channel; .exr and .npy hold 32-bit floats, premultiplied by alpha. Pictures in a folder are
     /// 00000.png and so on, by default in `renders`. `-` is standard output, in the --format.
     #[arg(short, long, help_heading = OUTPUT, value_name = "FILE|DIR")]
     output: Option<PathBuf>,
-    /// png, png16, exr or npy [default: by the name of the file; png in a folder]
+    /// png, png16, exr or npy [default: by the name of the file]
     ///
-    /// png has 8 bits per channel, png16 has 16; exr and npy hold 32-bit floats, premultiplied by alpha. Needed for
+    /// Pictures in a folder are png by default. png has 8 bits per channel, png16 has 16; exr and npy hold 32-bit floats, premultiplied by alpha. Needed for
     /// names without an ending, like /dev/stdout.
     #[arg(long, help_heading = OUTPUT, value_name = "KIND", hide_possible_values = true)]
     #[arg(value_parser = one_of(FILE_KINDS))]
@@ -93,13 +93,13 @@ pub(super) struct Args {
     /// Picture size in pixels [default: the camera's, or 1280x720]
     #[arg(long, help_heading = OUTPUT, value_name = "WxH", value_parser = values::size)]
     size: Option<[u32; 2]>,
-    /// R,G,B from 0 to 1, #rrggbb, black, grey, white or transparent
+    /// R,G,B (0 to 1), #rrggbb, white, grey or transparent
     #[arg(long, help_heading = OUTPUT, value_name = "COLOUR", default_value = "0,0,0", value_parser = parse_background)]
     #[arg(allow_hyphen_values = true)]
     background: Background,
-    /// colour, alpha, depth, median-depth, counts: some, with commas
+    /// colour, alpha, depth, median-depth, counts
     ///
-    /// A single layer is written to --output itself. Several layers have a folder each (renders/colour/00000.png,
+    /// Several layers are separated by commas. A single layer is written to --output itself. Several layers have a folder each (renders/colour/00000.png,
     /// renders/depth/00000.exr) or, if --output is a file, their name in the file name (a.png, a.depth.exr). Depths are
     /// the view z of the means of splats, in world units. Depths and counts have one float channel, and are .exr if
     /// pictures are PNG. They include only the splats that the preset blends.
@@ -125,10 +125,11 @@ pub(super) struct Args {
     /// images.txt).
     #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
-    /// Positions or image names: 7, -1, DSC0795, 0..10, 0,5,9 or all [default: 0]
+    /// Positions or image names: 7, -1, DSC0795, 0..10 or all [default: 0]
     ///
     /// A position is a number from 0 on, or from -1 for the last backwards. An image name is written with or without its
-    /// ending. A range like 0..10 has both ends; 3.. and ..5 are ranges, too.
+    /// ending. A range like 0..10 has both ends; 3.. and ..5 are ranges, too. Several are
+    /// separated by commas, like 0,5,-1.
     #[arg(long, help_heading = CAMERAS, value_name = "CAMERAS", allow_hyphen_values = true, conflicts_with = "eye")]
     camera: Option<String>,
     #[command(flatten)]
@@ -166,7 +167,7 @@ pub(super) struct Args {
     /// names that they have in one run. Each shard has its own record, so that --resume continues it by itself.
     #[arg(long, help_heading = MANY, value_name = "K/N", conflicts_with_all = ["dump", "max_error", "min_psnr"])]
     shard: Option<Shard>,
-    /// Draw nothing, and list missing and wrong files. Exit code 6 if there are any
+    /// Draw nothing, list missing and wrong files; exit code 6 if there are any
     ///
     /// A file of this command, of any shard and layer, may be missing, truncated, damaged or of other settings. No
     /// device is needed.
@@ -174,7 +175,7 @@ pub(super) struct Args {
     #[arg(conflicts_with_all = ["resume", "no_clobber", "certificate", "dump", "timings", "device"])]
     #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
     verify: bool,
-    /// exact, balanced, fast, preview; inria, gsplat, khr; portable [default: balanced]
+    /// exact, balanced (default), fast, preview, inria, gsplat, khr, portable
     ///
     /// The first four are accuracy for speed. inria, gsplat and khr draw exactly by the rules of another renderer.
     /// portable is balanced by the stages that run on every device.

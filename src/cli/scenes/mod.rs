@@ -191,7 +191,7 @@ fn folder_name(folder: &Path) -> Option<String> {
 /// Properties that scene files do not record, or record wrongly.
 #[derive(Args, Clone, Copy, Default)]
 pub(crate) struct ReadingArgs {
-    /// The axis of the scene that points up: x, y, z, -x, -y or -z [default: -y]
+    /// Axis of the scene that points up: x, y, z, -x, -y, -z [default: -y]
     ///
     /// The scene is turned, cameras are not.
     #[arg(long, help_heading = SCENE, value_name = "AXIS", allow_hyphen_values = true, value_parser = parse_up)]
@@ -201,7 +201,7 @@ pub(crate) struct ReadingArgs {
     /// For files whose axes point the other way than the format says.
     #[arg(long, help_heading = SCENE, value_name = "AXES", value_parser = parse_axes)]
     flip: Option<Axes>,
-    /// Level of a streamed SOG (lod-meta.json), 0 is the finest [default: 0]
+    /// Level of a streamed SOG (lod-meta.json), 0 is finest [default: 0]
     #[arg(long = "sog-level", help_heading = SCENE, value_name = "LEVEL", value_parser = whole::<u32>(0..=1000))]
     lod: Option<u32>,
 }

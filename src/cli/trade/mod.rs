@@ -46,7 +46,7 @@ Examples:
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Camera file or folder [default: found beside the scene or above it, else an orbit]
+    /// Camera file or folder [default: found as by `smalto render`, or an orbit]
     #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
@@ -63,10 +63,10 @@ pub(super) struct Args {
     /// search, and levels if the file has them.
     #[arg(long, help_heading = MEASURING, value_name = "PART,...", value_delimiter = ',', hide_possible_values = true)]
     parts: Option<Vec<Part>>,
-    /// Picture size for the time and the error to the exact picture
+    /// Picture size for times and errors to exact pictures
     #[arg(long, help_heading = MEASURING, value_name = "WxH", default_value = "1920x1080", value_parser = values::size)]
     size: [u32; 2],
-    /// Picture size at which the float64 reference is drawn, on the CPU
+    /// Picture size for the float64 reference, on the CPU
     #[arg(long, help_heading = MEASURING, value_name = "WxH", default_value = "480x270", value_parser = values::size)]
     oracle_size: [u32; 2],
     /// Number of views to measure over, spread over the cameras
@@ -83,7 +83,7 @@ pub(super) struct Args {
     /// Where 1 s allows fewer than 64, the warm-up is short and fewer views are measured, too.
     #[arg(long, help_heading = MEASURING, value_name = "N", value_parser = whole::<u16>(1..=10_000))]
     frames: Option<u16>,
-    /// Views between the cameras on which the choice for a budget is checked
+    /// Views between the cameras on which a budget is checked
     #[arg(long, help_heading = MEASURING, value_name = "N", default_value_t = 100)]
     #[arg(value_parser = whole::<u16>(1..=1000))]
     held_out: u16,
