@@ -38,8 +38,8 @@ fn blender_sets(folder: &Path) -> impl Iterator<Item = PathBuf> + '_ {
 }
 
 /// Reads all cameras of a file: a `cameras.json` of the original 3DGS, a `transforms.json` of nerfstudio, instant-ngp
-/// or the Blender data sets, a `camera_path.json` of nerfstudio, or a file of a sparse model of COLMAP. In a folder, the
-/// first of these is read.
+/// or the Blender data sets, a `camera_path.json` of nerfstudio, or a file of a sparse model of COLMAP. In a folder,
+/// the first of these is read.
 ///
 /// # Errors
 /// One sentence without the file's name if it is none of them, is damaged, or holds a camera that no picture can be

@@ -21,8 +21,8 @@ use crate::scene::{Focus, Unreadable};
 pub(super) struct SplitArg {
     /// Only the cameras of a split: all, train, val or test
     ///
-    /// They keep their positions in the file as numbers. If the file names no split, every eighth camera in the order of
-    /// names is in test (beginning with the first), and all others are in train.
+    /// They keep their positions in the file as numbers. If the file names no split, every eighth camera in the order
+    /// of names is in test (beginning with the first), and all others are in train.
     #[arg(long, help_heading = CAMERAS, value_enum, value_name = "SPLIT", default_value = "all")]
     #[arg(hide_possible_values = true)]
     split: Choice,
@@ -178,8 +178,8 @@ fn parse_angle(text: &str) -> Result<f64> {
 pub(super) struct FilmArgs {
     /// Frames along a camera path, into a folder; in the town: street, roof or air
     ///
-    /// The file is one of `smalto view` (docs/side-files.md), any cameras.json, or a camera_path.json of nerfstudio. The
-    /// paths of the town take 20 seconds along streets, around on a roof, or over the houses.
+    /// The file is one of `smalto view` (docs/side-files.md), any cameras.json, or a camera_path.json of nerfstudio.
+    /// The paths of the town take 20 seconds along streets, around on a roof, or over the houses.
     #[arg(long, help_heading = MANY, value_name = "PATH", conflicts_with_all = ["cameras", "camera", "split", "eye"])]
     path: Option<PathBuf>,
     /// N pictures of one turn around the scene, into a folder

@@ -70,7 +70,8 @@ pub(super) struct Args {
     /// Let no colour value of a given view change by more than ERROR, like 4/255
     ///
     /// From 0 to 1 (white is 1), or as steps of 8 bits.
-    #[arg(long, help_heading = LIMIT, value_name = "ERROR", conflicts_with = "min_psnr", value_parser = values::error(1.0))]
+    #[arg(long, help_heading = LIMIT, value_name = "ERROR", conflicts_with = "min_psnr")]
+    #[arg(value_parser = values::error(1.0))]
     max_error: Option<f64>,
     /// Keep every given view at a PSNR of at least DB to the whole scene
     #[arg(long, help_heading = LIMIT, value_name = "DB", value_parser = values::decibels)]

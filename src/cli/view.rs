@@ -76,7 +76,8 @@ pub(super) struct Args {
     #[arg(long, help_heading = WINDOW, value_name = "WITH")]
     compare: Option<String>,
     /// split, flicker or difference: how --compare is shown [default: split]
-    #[arg(long, help_heading = WINDOW, value_name = "MODE", value_parser = compare_modes(), hide_possible_values = true)]
+    #[arg(long, help_heading = WINDOW, value_name = "MODE", value_parser = compare_modes())]
+    #[arg(hide_possible_values = true)]
     compare_by: Option<CompareMode>,
     /// Start with the panels hidden
     #[arg(long, help_heading = WINDOW)]

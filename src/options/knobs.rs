@@ -94,8 +94,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "order",
         value_name: "KEY",
-        help: "Sort key of splats [default: the preset's, mostly depth]\n\ndepth (view z), distance (from the camera) or \
-               per-pixel (the depth at which the Gaussian is densest along the ray; only with --reference).",
+        help: "Sort key of splats [default: the preset's, mostly depth]\n\ndepth (view z), distance (from the camera) \
+               or per-pixel (the depth at which the Gaussian is densest along the ray; only with --reference).",
         group: Group::Rules,
         kind: Kind::Name(|| names(&Order::NAMES)),
         steps: &[],
@@ -138,8 +138,8 @@ pub static KNOBS: [Knob; 16] = [
     Knob {
         name: "antialiased",
         value_name: "BOOL",
-        help: "Antialiasing, true or false [default: as the scene was trained]\n\nThat of Mip-Splatting: the opacity of a splat becomes \
-               lower as the low-pass filter widens it.",
+        help: "Antialiasing, true or false [default: as the scene was trained]\n\nThat of Mip-Splatting: the opacity \
+               of a splat becomes lower as the low-pass filter widens it.",
         group: Group::Rules,
         kind: Kind::Flag,
         steps: &[Value::Flag(false), Value::Flag(true)],

@@ -110,7 +110,8 @@ fn render_frames_a_small_scene() {
     let steps = small.iter().zip(png(&out).to_rgb8().iter()).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     assert!(steps <= 1 && small.iter().any(|v| *v > 50), "{steps} steps of 255");
     let output = smalto(&[&common[..], &["--near", "0.2"]].concat());
-    assert!(String::from_utf8_lossy(&output.stderr).contains("no Gaussian is in view"));
+    let note = String::from_utf8_lossy(&output.stderr);
+    assert!(note.contains("between the camera and the near plane of 0.2; --near sets it"), "{note}");
 }
 
 /// A scene in which every Gaussian is fully transparent is the background, not an error.

@@ -52,7 +52,7 @@ pub(super) struct Args {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     split: SplitArg,
-    /// orbit, orbit-zoom, turn, street, roof, air or a file
+    /// orbit, orbit-zoom, turn, street, roof, air, FILE
     ///
     /// One turn around the scene (orbit), the same with two approaches to it (orbit-zoom), one turn on the spot in the
     /// middle of the scene (turn), or a smooth path through the cameras of a file. In the town: along streets, one turn
@@ -99,8 +99,8 @@ pub(super) struct Args {
     threshold: f64,
     /// Presets, like exact,balanced,fast,preview
     ///
-    /// exact, balanced, fast, preview: accuracy for speed. inria, gsplat, khr: exactly by the rules of another renderer.
-    /// portable: balanced by the stages that run on every device.
+    /// exact, balanced, fast, preview: accuracy for speed. inria, gsplat, khr: exactly by the rules of another
+    /// renderer. portable: balanced by the stages that run on every device.
     #[arg(long, help_heading = ACCURACY, value_name = "NAME,...", default_value = "balanced", value_delimiter = ',')]
     #[arg(value_parser = knobs::preset_names(), hide_possible_values = true)]
     preset: Vec<String>,

@@ -41,9 +41,9 @@ pub(super) struct Args {
     /// Picture (PNG, JPEG, EXR, .npy), or folder of pictures
     ///
     /// A file is recognized by its content. Pictures of a folder and of the folders below it are compared with those of
-    /// the same names but for the ending, such as renders with photographs. Colours with alpha are compared as seen over
-    /// black, alpha by itself if both files have it. A single channel of floats, such as depths, is compared as numbers:
-    /// absolute and relative errors.
+    /// the same names but for the ending, such as renders with photographs. Colours with alpha are compared as seen
+    /// over black, alpha by itself if both files have it. A single channel of floats, such as depths, is compared as
+    /// numbers: absolute and relative errors.
     a: PathBuf,
     /// The other file or folder. The order of the two does not matter
     b: PathBuf,
@@ -77,13 +77,14 @@ pub(super) struct Args {
     max_alpha_error: Option<f64>,
     /// Largest difference of depths or other numbers
     ///
-    /// In their own unit. For pictures of a single channel of floats, which meet no threshold of colours. A pixel with a number in only one
-    /// of two pictures exceeds it.
+    /// In their own unit. For pictures of a single channel of floats, which meet no threshold of colours. A pixel with
+    /// a number in only one of two pictures exceeds it.
     #[arg(long, help_heading = LIMITS, value_name = "ERROR", value_parser = number(0.0..=1e30))]
     max_depth_error: Option<f64>,
     /// Largest fraction of depths that differ by over 1 %
     ///
-    /// From 0 to 1, for pictures of a single channel of floats. A pixel with a number in only one of two pictures counts.
+    /// From 0 to 1, for pictures of a single channel of floats. A pixel with a number in only one of two pictures
+    /// counts.
     #[arg(long, help_heading = LIMITS, value_name = "FRACTION", value_parser = number(0.0..=1.0))]
     max_depth_outliers: Option<f64>,
     /// Write the FLIP map as PNG: black where equal; a folder for folders

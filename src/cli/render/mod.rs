@@ -79,14 +79,14 @@ pub(super) struct Args {
     scene: SceneArg,
     /// Picture file, or folder for several [default: the scene's name]
     ///
-    /// A .png has 8 bits per channel; .exr and .npy hold 32-bit floats, premultiplied by alpha. Pictures in a folder are
-    /// 00000.png and so on, by default in `renders`. `-` is standard output, in the --format.
+    /// A .png has 8 bits per channel; .exr and .npy hold 32-bit floats, premultiplied by alpha. Pictures in a folder
+    /// are 00000.png and so on, by default in `renders`. `-` is standard output, in the --format.
     #[arg(short, long, help_heading = OUTPUT, value_name = "FILE|DIR")]
     output: Option<PathBuf>,
     /// png, png16, exr or npy [default: by the name of the file]
     ///
-    /// Pictures in a folder are png by default. png has 8 bits per channel, png16 has 16; exr and npy hold 32-bit floats, premultiplied by alpha. Needed for
-    /// names without an ending, like /dev/stdout.
+    /// Pictures in a folder are png by default. png has 8 bits per channel, png16 has 16; exr and npy hold 32-bit
+    /// floats, premultiplied by alpha. Needed for names without an ending, like /dev/stdout.
     #[arg(long, help_heading = OUTPUT, value_name = "KIND", hide_possible_values = true)]
     #[arg(value_parser = one_of(FILE_KINDS))]
     format: Option<FileKind>,
@@ -99,10 +99,10 @@ pub(super) struct Args {
     background: Background,
     /// colour, alpha, depth, median-depth, counts
     ///
-    /// Several layers are separated by commas. A single layer is written to --output itself. Several layers have a folder each (renders/colour/00000.png,
-    /// renders/depth/00000.exr) or, if --output is a file, their name in the file name (a.png, a.depth.exr). Depths are
-    /// the view z of the means of splats, in world units. Depths and counts have one float channel, and are .exr if
-    /// pictures are PNG. They include only the splats that the preset blends.
+    /// Several layers are separated by commas. A single layer is written to --output itself. Several layers have a
+    /// folder each (renders/colour/00000.png, renders/depth/00000.exr) or, if --output is a file, their name in the
+    /// file name (a.png, a.depth.exr). Depths are the view z of the means of splats, in world units. Depths and counts
+    /// have one float channel, and are .exr if pictures are PNG. They include only the splats that the preset blends.
     #[arg(long, help_heading = OUTPUT, value_name = "LAYERS", value_delimiter = ',', default_value = "colour")]
     #[arg(hide_possible_values = true)]
     layers: Vec<Layer>,
@@ -127,9 +127,9 @@ pub(super) struct Args {
     cameras: Option<PathBuf>,
     /// Positions or image names: 7, -1, DSC0795, 0..10 or all [default: 0]
     ///
-    /// A position is a number from 0 on, or from -1 for the last backwards. An image name is written with or without its
-    /// ending. A range like 0..10 has both ends; 3.. and ..5 are ranges, too. Several are
-    /// separated by commas, like 0,5,-1.
+    /// A position is a number from 0 on, or from -1 for the last backwards. An image name is written with or without
+    /// its ending. A range like 0..10 has both ends; 3.. and ..5 are ranges, too. Several are separated by commas, like
+    /// 0,5,-1.
     #[arg(long, help_heading = CAMERAS, value_name = "CAMERAS", allow_hyphen_values = true, conflicts_with = "eye")]
     camera: Option<String>,
     #[command(flatten)]
@@ -163,8 +163,8 @@ pub(super) struct Args {
     resume: bool,
     /// Draw the part K of N of the cameras (docs/cluster.md)
     ///
-    /// K is from 1 to N. One run on each of N machines draws all cameras, into one folder or several. The files have the
-    /// names that they have in one run. Each shard has its own record, so that --resume continues it by itself.
+    /// K is from 1 to N. One run on each of N machines draws all cameras, into one folder or several. The files have
+    /// the names that they have in one run. Each shard has its own record, so that --resume continues it by itself.
     #[arg(long, help_heading = MANY, value_name = "K/N", conflicts_with_all = ["dump", "max_error", "min_psnr"])]
     shard: Option<Shard>,
     /// Draw nothing, list missing and wrong files; exit code 6 if there are any

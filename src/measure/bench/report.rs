@@ -132,8 +132,8 @@ pub struct DetailReport {
     pub nodes: Statistics,
     /// Pages that hold the cut.
     pub pages: Statistics,
-    /// The PSNR if the errors of the nodes were independent and none were hidden, dB; null without errors. No bound, and
-    /// far below the PSNR of most pictures.
+    /// The PSNR if the errors of the nodes were independent and none were hidden, dB; null without errors. No bound,
+    /// and far below the PSNR of most pictures.
     pub predicted_psnr: Option<Statistics>,
     /// The PSNR of the pictures of all views against those of all Gaussians, dB; null if it was not measured, or all
     /// are equal.

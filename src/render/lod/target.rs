@@ -26,8 +26,8 @@ pub struct LodReport {
     pub nodes: f64,
     /// Pages that hold the cut.
     pub pages: u64,
-    /// The PSNR if the measured errors of these nodes were independent and none were hidden, dB; null without errors. No
-    /// bound, and far below the PSNR of most pictures (docs/levels.md).
+    /// The PSNR if the measured errors of these nodes were independent and none were hidden, dB; null without errors.
+    /// No bound, and far below the PSNR of most pictures (docs/levels.md).
     pub predicted_psnr: Option<f64>,
     /// The PSNR of the picture against that of all Gaussians, dB; null if it was not measured, or both are equal.
     pub measured_psnr: Option<f64>,
