@@ -94,15 +94,17 @@ pub(super) struct Args {
     #[arg(long, help_heading = OUTPUT, value_name = "WxH", value_parser = values::size)]
     size: Option<[u32; 2]>,
     /// R,G,B (0 to 1), #rrggbb, white, grey or transparent
+    ///
+    /// Three numbers, hexadecimal digits, black, grey, white, or transparent.
     #[arg(long, help_heading = OUTPUT, value_name = "COLOUR", default_value = "0,0,0", value_parser = parse_background)]
     #[arg(allow_hyphen_values = true)]
     background: Background,
     /// colour, alpha, depth, median-depth, counts
     ///
-    /// Several layers are separated by commas. A single layer is written to --output itself. Several layers have a
-    /// folder each (renders/colour/00000.png, renders/depth/00000.exr) or, if --output is a file, their name in the
-    /// file name (a.png, a.depth.exr). Depths are the view z of the means of splats, in world units. Depths and counts
-    /// have one float channel, and are .exr if pictures are PNG. They include only the splats that the preset blends.
+    /// Separated by commas. A single layer is written to --output itself. Several layers have a folder each
+    /// (renders/colour/00000.png, renders/depth/00000.exr) or, if --output is a file, their name in the file name
+    /// (a.png, a.depth.exr). Depths are the view z of the means of splats, in world units. Depths and counts have one
+    /// float channel, and are .exr if pictures are PNG. They include only the splats that the preset blends.
     #[arg(long, help_heading = OUTPUT, value_name = "LAYERS", value_delimiter = ',', default_value = "colour")]
     #[arg(hide_possible_values = true)]
     layers: Vec<Layer>,
@@ -125,7 +127,7 @@ pub(super) struct Args {
     /// images.txt).
     #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
-    /// Positions or image names: 7, -1, DSC0795, 0..10 or all [default: 0]
+    /// Positions or image names: 7, -1, DSC0795, 0..10, all [default: first]
     ///
     /// A position is a number from 0 on, or from -1 for the last backwards. An image name is written with or without
     /// its ending. A range like 0..10 has both ends; 3.. and ..5 are ranges, too. Several are separated by commas, like
