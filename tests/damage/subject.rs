@@ -165,6 +165,7 @@ fn others(subjects: &mut Subjects) {
         subjects.file("cameras.json", list.clone(), change, cameras);
         subjects.file("path.json", list.clone(), change, keyframes);
         subjects.file("transforms.json", TRANSFORMS.into(), change, cameras);
+        subjects.file("camera_path.json", CAMERA_PATH.into(), change, keyframes);
     }
     for file in ["cameras.bin", "images.bin"] {
         subjects.in_folder("colmap/sparse/1", file, "", Change::Bytes, cameras);
@@ -186,6 +187,11 @@ fn others(subjects: &mut Subjects) {
         subjects.file("report.json", report_text.clone(), change, report);
     }
 }
+
+/// A camera path of nerfstudio.
+const CAMERA_PATH: &str = r#"{"camera_type": "perspective", "render_width": 64, "render_height": 48, "seconds": 2,
+    "camera_path": [{"camera_to_world": [1, 0, 0, 0, 0, -1, 0, -1.2, 0, 0, -1, -5, 0, 0, 0, 1], "fov": 40},
+                    {"camera_to_world": [1, 0, 0, 1, 0, -1, 0, -1.2, 0, 0, -1, -5, 0, 0, 0, 1], "fov": 50}]}"#;
 
 const TRANSFORMS: &str = r#"{"camera_model": "OPENCV", "fl_x": 40.0, "fl_y": 41.0, "cx": 32.0, "cy": 24.0, "w": 64,
 "h": 48, "k1": 0.01, "applied_transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "frames": [
