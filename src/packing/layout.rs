@@ -5,8 +5,8 @@ use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use super::halves::{finite_half, half, halves, joined, of_scale_code, scale_code, separated, upper_bits};
-use super::planes::plane_widths;
 use super::statistics::Statistics;
+use super::widths::plane_widths;
 use crate::options::{Options, Storage};
 use crate::scene::{
     Gaussians, Grid, MAX_SH_DEGREE, Requirements, bands, decode_rotation, encode_rotation, sh_coefficients,

@@ -1,6 +1,7 @@
 //! Planes of words of many Gaussians.
 
 use super::Layout;
+use super::widths::plane_widths;
 use crate::scene::Gaussians;
 
 /// A Gaussian without its colour.
@@ -22,17 +23,6 @@ impl Shape {
             opacity: gaussians.opacities()[index],
         }
     }
-}
-
-/// Most planes of spherical harmonics: as many as shaders bind.
-pub const SH_PLANES: usize = 12;
-
-/// The words of a Gaussian in each plane, where each takes `words` words in all planes together. A plane has one
-/// element of four words per Gaussian, or two if [`SH_PLANES`] planes are too few. In the last plane, four or two
-/// Gaussians with one or two words share an element; three words are padded to four.
-pub fn plane_widths(words: usize) -> impl Iterator<Item = usize> + Clone {
-    let most = if words > 4 * SH_PLANES { 8 } else { 4 };
-    (0..words).step_by(most).map(move |first| (words - first).min(most).next_power_of_two())
 }
 
 /// Fills parts of the planes of bounds and of shapes, with four words per element: element `k` of the bounds, which is
@@ -77,20 +67,23 @@ fn clear_last(planes: &mut [&mut [[u32; 4]]]) {
 
 /// Writes the words of Gaussian `k`, which has `words` in all planes together.
 pub fn put(planes: &mut [&mut [[u32; 4]]], k: usize, words: usize, word: impl Fn(usize) -> u32) {
-    let mut next = 0..words;
+    let mut first = 0;
     for (plane, width) in planes.iter_mut().zip(plane_widths(words)) {
-        for place in &mut plane.as_flattened_mut()[k * width..][..width] {
-            *place = next.next().map_or(0, &word);
+        for (i, place) in plane.as_flattened_mut()[k * width..][..width].iter_mut().enumerate() {
+            let wanted = first + i;
+            *place = if wanted < words { word(wanted) } else { 0 };
         }
+        first += width;
     }
 }
 
 /// Reads the words of Gaussian `k` from planes of words, one after another, into `words`.
 pub fn take<'w>(planes: impl Iterator<Item = &'w [u32]>, k: usize, words: &mut [u32]) {
-    let widths = plane_widths(words.len());
-    let mut places = words.iter_mut();
-    for (plane, width) in planes.zip(widths) {
-        plane[k * width..][..width].iter().zip(places.by_ref()).for_each(|(from, to)| *to = *from);
+    let mut rest = words;
+    for (plane, width) in planes.zip(plane_widths(rest.len())) {
+        let (part, others) = rest.split_at_mut(width.min(rest.len()));
+        part.iter_mut().zip(&plane[k * width..][..width]).for_each(|(to, from)| *to = *from);
+        rest = others;
     }
 }
 

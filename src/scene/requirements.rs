@@ -158,9 +158,9 @@ fn of_channel(sh: &[[f32; 3]], channel: usize) -> ([Band; MAX_SH_DEGREE as usize
     (std::array::from_fn(|l| Band { bound: bands[l], rms: bands[l].powi(2) / (2 * l + 1) as f64 }), brightest)
 }
 
-/// Upper bound on the part of each SH degree in a channel with these `count` coefficients. By Cauchy-Schwarz it is the length
-/// of the coefficients times that of the basis functions, whose squares sum to (2 l + 1) / 4 pi in every direction (the
-/// addition theorem).
+/// Upper bound on the part of each SH degree in a channel with these `count` coefficients. By Cauchy-Schwarz it is the
+/// length of the coefficients times that of the basis functions, whose squares sum to (2 l + 1) / 4 pi in every
+/// direction (the addition theorem).
 pub fn bands(count: usize, coefficient: impl Fn(usize) -> f64) -> [f64; MAX_SH_DEGREE as usize + 1] {
     std::array::from_fn(|l| {
         if l * l >= count {

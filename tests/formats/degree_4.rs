@@ -42,10 +42,12 @@ fn ply_of_72_f_rest_has_the_colours_of_its_trainer() {
     }
 }
 
-/// A scene of degree 4 in a PLY file.
+/// A PLY file of degree 4, and what is read from it.
 fn source(folder: &tempfile::TempDir) -> (String, Gaussians) {
-    let (source, gaussians) = (path(folder, "source.ply"), build(&of_degree_4(3000), 4));
-    SceneFile::Ply.write(&gaussians, false, &mut fs::File::create(&source).unwrap()).unwrap();
+    let (source, made) = (path(folder, "source.ply"), build(&of_degree_4(3000), 4));
+    SceneFile::Ply.write(&made, false, &mut fs::File::create(&source).unwrap()).unwrap();
+    let gaussians = read(&source);
+    assert!(gaussians.all_sh() == made.all_sh());
     (source, gaussians)
 }
 

@@ -227,8 +227,8 @@ fn harmonics_of_any_size_agree() {
                 Free { raw, sh: (0..sh_coefficients(MAX_SH_DEGREE)).map(|_| coefficient()).collect() }
             })
             .collect();
-        // A colour is at most 7.05 times the largest coefficient (the square root of their number, 25, times the norm of
-        // the basis, the root of 25 / 4 pi), rounded thirty times.
+        // A colour is at most 7.05 times the largest coefficient (the root of their number, 25, times the norm of the
+        // basis, the root of 25 / 4 pi), rounded thirty times.
         let rounding = ROUNDING + 30.0 * 0.5_f64.powi(24) * 7.05 * largest;
         for degree in 0..=MAX_SH_DEGREE {
             let pixels = agrees_within(rounding, "harmonics", &build(&all, degree), &ahead([64, 48], 50.0));

@@ -83,7 +83,7 @@ fn scenes_of_degree_4_have_the_same_bits_in_pages_and_by_levels() {
             assert_eq!(differing(&draw(&device, &source(&file), &options, &camera).0, &expected), 0);
         }
         // Some of the pages at a time, in slabs.
-        let limited = draw(&open(Some(34 << 20)), &source(&file), &options, &camera).0;
+        let limited = draw(&open(Some(60 << 20)), &source(&file), &options, &camera).0;
         assert_eq!(differing(&limited, &expected), 0, "in slabs");
     }
     // Merged nodes keep the mean of the coefficients.
