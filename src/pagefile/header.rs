@@ -15,9 +15,8 @@ use crate::scene::{
 
 /// Bytes of the header.
 pub const HEADER: usize = 4096;
-/// The format versions of files without and with levels of detail: with room for the coefficients of degrees up to
-/// [`USUAL_SH_DEGREE`] in the header, or up to [`MAX_SH_DEGREE`], which only scenes of higher degrees have.
-const VERSIONS: [[u32; 2]; 2] = [[1, 2], [3, 4]];
+/// The highest SH degree that the header has room for, and the format versions without and with levels of detail.
+const VERSIONS: [(u32, [u32; 2]); 2] = [(USUAL_SH_DEGREE, [1, 2]), (MAX_SH_DEGREE, [3, 4])];
 /// Longest texts that are kept, in bytes.
 const MOST_TEXT: usize = 512;
 
@@ -102,8 +101,8 @@ impl Header {
     /// The bytes of the header, the last eight of which are the checksum of the others.
     pub fn encoded(&self) -> Vec<u8> {
         let mut out = Writer(PAGE_FILE_SIGNATURE.to_vec());
-        let most_degree = self.statistics.sh_degree.max(USUAL_SH_DEGREE);
-        out.u32(VERSIONS[usize::from(most_degree > USUAL_SH_DEGREE)][usize::from(self.levels.is_some())]);
+        let (most_degree, versions) = VERSIONS[usize::from(self.statistics.sh_degree > USUAL_SH_DEGREE)];
+        out.u32(versions[usize::from(self.levels.is_some())]);
         out.u32(PAGE as u32);
         let places = [self.file_bytes(), self.geometry_at, self.colours_at, self.table_checksum];
         places.into_iter().for_each(|value| out.u64(value));
@@ -135,9 +134,8 @@ impl Header {
         ensure!(content.starts_with(&PAGE_FILE_SIGNATURE), "it does not begin as a page file does");
         let mut from = Reader(&content[PAGE_FILE_SIGNATURE.len()..]);
         let version = from.u32()?;
-        let known =
-            VERSIONS.iter().zip([USUAL_SH_DEGREE, MAX_SH_DEGREE]).find(|(of_degree, _)| of_degree.contains(&version));
-        let ([_, with_levels], most_degree) =
+        let known = VERSIONS.into_iter().find(|(_, versions)| versions.contains(&version));
+        let (most_degree, [_, with_levels]) =
             known.with_context(|| format!("its version is {version}, and smalto reads 1 to 4"))?;
         ensure!(checksum == XxHash3_64::oneshot(content).to_le_bytes(), "bytes 0 to {HEADER}, the header, are damaged");
         let page = from.u32()?;
@@ -158,7 +156,7 @@ impl Header {
         let statistics = take_statistics(&mut from, most_degree)?;
         let layout = take_layout(&mut from, most_degree)?;
         let (title, format) = (from.text()?, from.text()?);
-        let levels = match version == *with_levels {
+        let levels = match version == with_levels {
             false => None,
             true => Some(LodSections {
                 pages: usize::try_from(from.u64()?)?,
@@ -293,10 +291,12 @@ fn take_statistics(from: &mut Reader, most_degree: u32) -> Result<Statistics> {
     };
     let focus = Focus { centre, radius };
     let mut half_errors = [0.0; MAX_SH_DEGREE as usize + 1];
-    for l in 0..half_errors.len() {
-        // Degrees that a scene does not have add nothing.
-        half_errors[l] = if l < degrees { from.f64s::<1>()?[0] } else { half_errors[degrees - 1] };
+    for half_error in &mut half_errors[..degrees] {
+        [*half_error] = from.f64s()?;
     }
+    // Degrees that the scene does not have add nothing.
+    let all = half_errors[degrees - 1];
+    half_errors[degrees..].fill(all);
     let is_place = centre.iter().all(|v: &f64| v.is_finite()) && radius.is_finite() && radius > 0.0;
     let is_box = (0..3).all(|i| extent.low[i] <= extent.high[i]);
     ensure!(is_place && is_box && brightest.is_finite(), "its statistics are not those of a scene");
