@@ -362,8 +362,8 @@ fn an_unreadable_scene_or_camera_file_is_exit_code_4() {
 
 #[test]
 fn too_little_memory_is_exit_code_5() {
-    let error = fails(5, &["render", "cactus:100", "--size", "60000x60000"]);
-    assert!(error.contains("57600000000 bytes"), "{error}");
+    let error = fails(5, &["render", "cactus:100", "--size", "4000x4000", "--memory", "40MB"]);
+    assert!(error.contains("bytes of"), "{error}");
     // Host memory: 236 bytes a Gaussian of SH degree 3.
     let output = run(&["info", "cactus:200000000"], limit_memory);
     assert_eq!(output.status.code(), Some(5), "{}", String::from_utf8_lossy(&output.stderr));
@@ -385,6 +385,12 @@ fn a_closed_pipe_is_no_failure() {
     let full = script("\"$0\" info tests/fixtures/plush.ply > /dev/full");
     assert_eq!(full.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&full.stderr).contains("cannot write to standard output"));
+}
+
+#[test]
+fn a_picture_beyond_the_limits_of_the_device_is_wrong_usage() {
+    let error = fails(2, &["render", "cactus:100", "--size", "60000x60000"]);
+    assert!(error.contains(" draws pictures of at most ") && error.contains("not 60000x60000"), "{error}");
 }
 
 #[test]

@@ -11,6 +11,8 @@ mod documents;
 mod films;
 mod found_cameras;
 mod help;
+#[cfg(unix)]
+mod hostile;
 mod knobs;
 #[cfg(unix)]
 mod outputs;
