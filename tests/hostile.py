@@ -5,9 +5,9 @@
 
 PROGRAM is target/release/smalto by default. Every kind of trial gets its share of SECONDS, 240 by default. As root,
 threads are limited for the user `nobody` (util-linux's setpriv), and full disks are file systems of their own. The exit
-code is 1 if any count but `runs` and `of drivers` is not 0. A death by SIGSEGV, SIGABRT or SIGBUS under a limit of
-memory, threads or descriptors counts as `of drivers` if stderr names no panic: lavapipe does not check all of its own
-allocations.
+code is 1 if any count but `runs`, `allocations` and `of drivers` is not 0. `allocations` are aborts by Rust's allocator
+("memory allocation of N bytes failed"), which small allocations end in; `of drivers` are other deaths by a signal under
+a limit of memory, threads or descriptors: lavapipe does not check all of its own allocations.
 """
 
 import collections
@@ -24,7 +24,7 @@ import time
 
 PROGRAM = os.path.abspath(sys.argv[1] if len(sys.argv) > 1 else "target/release/smalto")
 SECONDS = float(sys.argv[2]) if len(sys.argv) > 2 else 240
-COUNTS = ["runs", "panics", "signals", "hangs", "leftovers", "torn", "wrong codes", "of drivers"]
+COUNTS = ["runs", "panics", "signals", "hangs", "leftovers", "torn", "wrong codes", "allocations", "of drivers"]
 CODES = range(7)
 PATIENCE = 60  # seconds, after which a run hangs
 RANDOM = random.Random(7)
@@ -52,7 +52,7 @@ class Trial:
 
     def fault(self, kind, what):
         self.counts[kind] += 1
-        if kind != "of drivers":
+        if kind not in ("allocations", "of drivers"):
             faults.append(f"{self.name}: {kind}: {what}")
 
     def run(self, arguments, signals=(), expected=CODES, limits=(), prefix=(), stdin=None, limited=False, **environment):
@@ -88,6 +88,8 @@ class Trial:
         what = f"{arguments} {limits or ''}: {code}: {error[-300:]}"
         if "panicked" in error:
             self.fault("panics", what)
+        elif code == -signal.SIGABRT and "memory allocation of" in error:
+            self.fault("allocations", what)
         elif code < 0 and -code != sent:
             self.fault("of drivers" if limited else "signals", what)
         elif code >= 0 and code not in expected:
