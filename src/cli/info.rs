@@ -273,7 +273,7 @@ fn print(report: &Report) -> Result<()> {
         say!("level {level:<5} {gaussians} Gaussians in the file")?;
     }
     say!("box         {} to {}", point(low), point(high))?;
-    say!("opacity     90 % lies within {radius:.4} of {}", point(&centre.map(|v| v as f32)))?;
+    say!("opacity     90 % lies within {} of {}", number(*radius as f32), point(&centre.map(|v| v as f32)))?;
     if let Some(PagesReport { pages, level_pages, gaussians_each, bytes, sh_storage, shape_storage, .. }) =
         &report.pages
     {

@@ -5,6 +5,8 @@
 //! - `write_file` - writes a scene to a file, reads it back, and reports what the format lost
 //! - `loss` - the difference of every attribute between two scenes
 //! - `input` - a file that is read front to back, with progress and cancelling
+//! - `packed` - scenes in gzip streams, and names of other archives
+//! - `training` - settings of training beside a scene
 //! - `linked_file` - paths of files that a scene file names
 //! - `rows` - rows of bytes, and encodings that several formats share
 //! - `ply/`, `spz/`, `sog/`, `splat/`, `gltf/`, `ksplat` - a reader for each format, and a writer for all but `ksplat`
@@ -14,12 +16,14 @@ mod input;
 mod ksplat;
 mod linked_file;
 mod loss;
+mod packed;
 mod ply;
 mod read;
 mod rows;
 mod sog;
 mod splat;
 mod spz;
+mod training;
 mod write;
 mod write_file;
 
@@ -180,7 +184,7 @@ pub static FORMATS: [Format; 10] = [
     },
 ];
 
-/// First bytes of a gzip stream, which SPZ 1 to 3 are.
+/// First bytes of a gzip stream, which SPZ 1 to 3 are. Any other scene may lie in one, too.
 const GZIP: &[u8] = &[0x1f, 0x8b, 8];
 
 const PLY: Reader = Reader::Scene {

@@ -6,13 +6,16 @@ use anyhow::{Result, anyhow, bail, ensure};
 
 use super::input::Input;
 use super::sog::{self, LOD_META};
-use super::{BlockReader, Format, Reader, Recognition, Request, labels};
+use super::training::with_settings;
+use super::{BlockReader, Format, Reader, Recognition, Request, labels, packed};
 use crate::host_memory::OutOfMemory;
 use crate::procedural::Procedural;
 use crate::scene::{Cancelled, Gaussians, LoadReport, NoLevel, Scene, Transform, Unreadable, Watch};
 
 /// Bytes that no signature exceeds.
 pub(crate) const SIGNATURE_BYTES: usize = 8;
+/// Progress when a gzip stream is unpacked.
+const UNPACKED: f64 = 0.5;
 
 /// Choices of the caller for reading a file, and corrections of what it states wrongly.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -175,20 +178,44 @@ fn lacks_memory(problem: &anyhow::Error) -> bool {
 fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let path = &sog::in_folder(path);
     let mut input = Input::open(path, watch)?;
-    let format = detect(&mut input, path)?;
-    let request = Request { path, level, watch };
-    let scene = match format.map(|format| &format.reader) {
-        Some(Reader::Levels { read }) => read(input, &request)?,
-        _ if level.is_some() => bail!(NoLevel::none()),
-        Some(Reader::Scene { read, .. }) => read(input, &request)?,
-        Some(Reader::Pages) => bail!("it is a page file, which is not read as a whole here"),
-        None => bail!(unknown(input.peek(4)?)),
+    let scene = match packed::gzip_content(&mut input)? {
+        // SPZ is read from its stream.
+        Some(begin) if !begin.starts_with(b"NGSP") => read_gzip(input, &begin, &Request { path, level, watch })?,
+        _ => read_open(input, &Request { path, level, watch })?,
     };
     let LoadReport { read, .. } = scene.report;
     ensure!(read > 0, "the scene holds no Gaussians");
     let is_drawable = !scene.gaussians.is_empty() || scene.report.is_clean();
     ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.report);
-    Ok(scene)
+    Ok(with_settings(scene, path))
+}
+
+/// Reads a file that is open. Its path is that of its format and of the files that it names.
+fn read_open(mut input: Input, request: &Request) -> Result<Scene> {
+    let format = detect(&mut input, request.path)?;
+    match format.map(|format| &format.reader) {
+        Some(Reader::Levels { read }) => read(input, request),
+        _ if request.level.is_some() => bail!(NoLevel::none()),
+        Some(Reader::Scene { read, .. }) => read(input, request),
+        Some(Reader::Pages) => bail!("it is a page file, which is not read as a whole here"),
+        None => bail!(unknown(packed::begin(&mut input)?)),
+    }
+}
+
+/// Reads a scene that begins with `begin` from a gzip stream.
+fn read_gzip(input: Input, begin: &[u8], request: &Request) -> Result<Scene> {
+    let Request { path, level, watch } = *request;
+    let is_named = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gz"));
+    let path = &if is_named { path.with_extension("") } else { path.to_owned() };
+    match Format::of(begin, path).map(|format| &format.reader) {
+        None => bail!("in a gzip stream: {}", unknown(begin)),
+        Some(Reader::Pages) => bail!("a gzip stream that holds a page file: unpack it first"),
+        Some(_) => {}
+    }
+    let unpacking = Watch { progress: &|fraction| (watch.progress)(UNPACKED * fraction), ..*watch };
+    let unpacked = packed::unpack_gzip(input.watched_by(&unpacking))?;
+    let reading = Watch { progress: &|fraction| (watch.progress)(UNPACKED + (1.0 - UNPACKED) * fraction), ..*watch };
+    read_open(Input::open(&unpacked.path(), &reading)?, &Request { path, level, watch: &reading })
 }
 
 fn read_any_blocks(
@@ -199,7 +226,7 @@ fn read_any_blocks(
     let path = &sog::in_folder(path);
     let mut input = Input::open(path, watch)?;
     match block_reader(&mut input, path)? {
-        Some(blocks) => (blocks.read)(&mut input, take),
+        Some(blocks) => Ok((blocks.read)(&mut input, take)?.map(|scene| with_settings(scene, path))),
         None => Ok(None),
     }
 }
@@ -234,10 +261,14 @@ fn block_reader(input: &mut Input, path: &Path) -> Result<Option<&'static BlockR
 
 /// The problem with a file of no known format, which begins with these bytes.
 fn unknown(begin: &[u8]) -> String {
+    if let Some(other) = packed::other(begin) {
+        return format!("not a scene, but {other}");
+    }
     let by_content = labels(|format| matches!(format.recognition, Recognition::Signature(_)));
     let by_name = labels(|format| format.recognition == Recognition::Ending);
     format!(
         "not a scene that smalto reads: expected {by_content} content, a meta.json or {LOD_META} of SOG, or a file \
-         named {by_name}, found bytes {begin:02x?}"
+         named {by_name}, found bytes {:02x?}",
+        &begin[..begin.len().min(4)]
     )
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::rows::to_byte;
 use super::sog::LOD_META;
-use super::{Format, Writer, gltf, labels, ply, sog, splat, spz};
+use super::{Format, Writer, gltf, ply, sog, splat, spz, written_labels};
 use crate::host_memory::OutOfMemory;
 use crate::scene::{Gaussians, MAX_SH_DEGREE, USUAL_SH_DEGREE, morton};
 
@@ -37,14 +37,10 @@ impl SceneFile {
     /// # Errors
     /// If the name has no known extension and is not `meta.json`, or is that of a page file.
     pub fn of(path: &Path) -> Result<Self> {
-        if let Some(Writer::Scene(file)) = Format::of_name(path).and_then(|format| format.write) {
-            return Ok(file);
+        match Writer::of(path)? {
+            Writer::Scene(file) => Ok(file),
+            Writer::Pages => bail!("{}: a page file is written by `smalto convert`", path.display()),
         }
-        if path.file_name().is_some_and(|name| name.eq_ignore_ascii_case(LOD_META)) {
-            bail!("{}: a streamed SOG is written by `smalto lod`", path.display());
-        }
-        let all = labels(|format| matches!(format.write, Some(Writer::Scene(_))));
-        bail!("{}: scenes are written as {all}", path.display())
     }
 
     /// The Gaussians as the format holds them: in its order and up to its SH degree, without Gaussians that it would
@@ -100,9 +96,34 @@ impl SceneFile {
         }
     }
 
+    /// The natural logarithms of the least and the largest scale that the format holds, if it has a range of its own.
+    pub fn log_scales(self) -> Option<[f32; 2]> {
+        match self {
+            Self::Spz { .. } => Some([-10.0, 255.0 / 16.0 - 10.0]),
+            Self::CompressedPly => Some([-20.0, 20.0]),
+            Self::Ply | Self::Splat | Self::Sog | Self::SogFolder | Self::Glb => None,
+        }
+    }
+
     /// True if the format can state that the scene is drawn with the antialiasing of Mip-Splatting.
     pub fn says_antialiased(self) -> bool {
         !matches!(self, Self::Splat | Self::Glb)
+    }
+}
+
+impl Writer {
+    /// The form in which a file of this name is written.
+    ///
+    /// # Errors
+    /// If the name has no known extension and is not `meta.json`.
+    pub fn of(path: &Path) -> Result<Self> {
+        if let Some(writer) = Format::of_name(path).and_then(|format| format.write) {
+            return Ok(writer);
+        }
+        if path.file_name().is_some_and(|name| name.eq_ignore_ascii_case(LOD_META)) {
+            bail!("{}: a streamed SOG is written by `smalto lod`", path.display());
+        }
+        bail!("{}: scenes are written as {}", path.display(), written_labels())
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::program::{fails, ok, path};
+use crate::common::program::{fails, ok, path, smalto};
 use serde_json::Value;
 use smalto::formats;
 use smalto::formats::Loss;
@@ -203,12 +203,37 @@ fn the_table_reports_losses() {
 }
 
 #[test]
+fn the_report_names_what_was_left_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, out) = (path(&folder, "in.ply"), path(&folder, "out.spz"));
+    let names =
+        ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "rot_0", "rot_1", "rot_2"];
+    let mut text = "ply\nformat ascii 1.0\nelement vertex 1\n".to_owned();
+    names.iter().chain(&["rot_3", "sparkle"]).for_each(|name| text += &format!("property float {name}\n"));
+    fs::write(&input, text + "end_header\n0 0 1 0 0 0 2 -2 -3 1 0 0 0 7\n").unwrap();
+    let report = convert(&[&input, &out]);
+    let notices = report["notices"].as_array().unwrap();
+    let expected =
+        ["it has two scales, and is drawn as flat Gaussians", "the property sparkle is unknown and not used"];
+    assert_eq!(notices, &expected.map(Value::from));
+    let joined = convert(&[&input, &input, &path(&folder, "both.ply")]);
+    assert!(joined["notices"][3].as_str().unwrap().contains("in.ply: the property sparkle"), "{joined}");
+    let pages = convert(&[&input, &path(&folder, "a.smalto")]);
+    assert_eq!(pages["notices"], report["notices"]);
+    // A flat Gaussian has a scale that SPZ does not hold.
+    let written = smalto(&["convert", &input, &out]);
+    let told = String::from_utf8(written.stderr).unwrap();
+    assert!(told.contains("1 of 1 Gaussians have a scale outside of e^-10 to e^5.9375"), "{told}");
+}
+
+#[test]
 fn wrong_arguments_are_refused_and_overwrite_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let out = path(&folder, "a.ply");
     fs::write(&out, "precious").unwrap();
     for (code, arguments, sentence) in [
-        (2, &[PLUSH, "a.xyz"][..], "scenes are written as"),
+        (2, &[PLUSH, "a.xyz"][..], "scenes are written as .ply, .compressed.ply, .spz, .sog, meta.json"),
+        (2, &[PLUSH, "a.xyz"], "or .smalto (pages)"),
         (2, &[PLUSH], "expected the files to read, then the file to write"),
         (2, &[PLUSH, PLUSH], "is both an input and the output"),
         (2, &[PLUSH, &out, "--transform", "shear=1"], "expected translate"),

@@ -13,6 +13,7 @@ mod dialects;
 mod example;
 mod independent;
 mod named_files;
+mod packed;
 mod pages;
 mod sog;
 mod sog_levels;

@@ -162,6 +162,11 @@ fn wrong_wishes_are_refused() {
     ok(&["lod", "cactus:1000", "-o", &out]);
     let same = fails(2, &["lod", folder.path().to_str().unwrap(), "-o", &out]);
     assert!(same.contains("is both the input and the output"), "{same}");
+    let mut meta: serde_json::Value = serde_json::from_slice(&fs::read(&out).unwrap()).unwrap();
+    meta["lodLevels"] = json!(4_000_000_000_u32);
+    fs::write(&out, meta.to_string()).unwrap();
+    let error = fails(4, &["info", &out]);
+    assert!(error.contains("lod-meta.json claims 4000000000 levels, its tree has"), "{error}");
     // Where the folder cannot be made, nothing stays.
     let file = path(&folder, "file");
     fs::write(&file, "").unwrap();

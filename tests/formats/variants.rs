@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::common::Random;
 use smalto::formats;
 use smalto::formats::Loss;
-use smalto::scene::{Gaussians, RIGHT_UP_BACK, Scene, Transform};
+use smalto::scene::{Gaussians, LoadReport, RIGHT_UP_BACK, Scene, Transform};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
@@ -152,6 +152,30 @@ fn gltf_follows_nodes_and_buffers() {
         let error = read(&wrong).unwrap_err().to_string();
         assert!(error.contains(sentence), "{pointer}: {error}");
     }
+}
+
+#[test]
+fn gltf_opacities_a_rounding_out_of_range_are_clamped() {
+    let mut glb = fs::read(fixture("plush.glb")).unwrap();
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let document: serde_json::Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    let index = |value: &serde_json::Value| value.as_u64().unwrap_or(0) as usize;
+    let attributes = &document["meshes"][0]["primitives"][0]["attributes"];
+    let accessor = &document["accessors"][index(&attributes["KHR_gaussian_splatting:OPACITY"])];
+    let view = &document["bufferViews"][index(&accessor["bufferView"])];
+    assert_eq!((accessor["componentType"].as_u64(), view["byteStride"].as_u64()), (Some(5126), None));
+    let start = 28 + length + index(&view["byteOffset"]) + index(&accessor["byteOffset"]);
+    for (i, opacity) in [1.000_000_1_f32, 1.0005, -1e-7, 1.5].into_iter().enumerate() {
+        glb[start + 4 * i..][..4].copy_from_slice(&opacity.to_le_bytes());
+    }
+    let scene = parse("a.glb", &glb).unwrap();
+    let expected =
+        LoadReport { read: 61, clamped_opacity: 2, transparent: 1, opacity_range: 1, ..LoadReport::default() };
+    assert_eq!(scene.report, expected);
+    assert_eq!(scene.gaussians.opacities()[..2], [1.0, 1.0]);
+    let told = scene.report.to_string();
+    assert!(told.contains("1 dropped for an opacity outside of 0 to 1"), "{told}");
+    assert!(told.contains("2 with an opacity just above 1, drawn as 1"), "{told}");
 }
 
 #[test]

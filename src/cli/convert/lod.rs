@@ -93,8 +93,8 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
     let files = [scene.clone()];
     Target::Pages.check(output, files.iter().map(PathBuf::as_path), false, json.as_ref())?;
     let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
-    let (written, removed) = pages::convert(inputs, output, pages::settings(*storage, *host_memory, true))?;
-    say_written(written, removed, json.as_ref())
+    let (written, removed, notices) = pages::convert(inputs, output, pages::settings(*storage, *host_memory, true))?;
+    say_written(written, removed, notices, json.as_ref())
 }
 
 /// Writes one level of a scene.
@@ -116,7 +116,7 @@ fn one_level(args: &Args) -> Result<()> {
         }
         Target::Scene(kind) => write_scene(output, kind, scene.gaussians, scene.is_antialiased)?,
     };
-    say_written(written, 0, json.as_ref())
+    say_written(written, 0, Vec::new(), json.as_ref())
 }
 
 /// Writes all levels as a streamed SOG.
@@ -143,7 +143,8 @@ fn streamed_sog(args: &Args) -> Result<()> {
                 progress: &|fraction| bar.set(fraction),
             },
         )?;
-        let format = format!("streamed SOG, {} levels, the coarsest of {}", counts.len(), counts[counts.len() - 1]);
+        let levels = if counts.len() == 1 { "1 level".to_owned() } else { format!("{} levels", counts.len()) };
+        let format = format!("streamed SOG, {levels}, the coarsest of {}", counts[counts.len() - 1]);
         let sh_degree = kept_degree(output, SceneFile::SogFolder, file.statistics().sh_degree);
         Ok(Written {
             file: output.display().to_string(),
@@ -155,7 +156,7 @@ fn streamed_sog(args: &Args) -> Result<()> {
             loss,
         })
     })?;
-    say_written(written, 0, json.as_ref())
+    say_written(written, 0, Vec::new(), json.as_ref())
 }
 
 /// Most parts of a streamed SOG. Viewers look at all of them in every frame.

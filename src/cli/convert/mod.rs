@@ -25,7 +25,7 @@ use crate::cli::{Usage, numbers, one_of, say, values};
 use crate::formats::{Loss, written_labels};
 use crate::measure::prune::Written;
 use crate::options::Options;
-use crate::scene::{Gaussians, MAX_SH_DEGREE, Transform};
+use crate::scene::{Gaussians, LoadReport, MAX_SH_DEGREE, Scene, Transform};
 
 pub(super) use pages::write_pages;
 pub(super) use target::{Target, formats, write_scene};
@@ -142,6 +142,8 @@ pub(super) struct Report {
     removed: usize,
     /// Gaussians left out because the format rounds their opacity to 0.
     transparent: usize,
+    /// What the input files state and the output lacks or draws in another way.
+    notices: Vec<String>,
     /// Differences between the file, read back, and the scene as it would be drawn: of opacities after the sigmoid, of
     /// unit rotations. Empty for pages.
     loss: Vec<Loss>,
@@ -161,35 +163,38 @@ pub(super) fn run(args: &Args) -> Result<()> {
     }
     target.check(output, files.iter().map(PathBuf::as_path), args.no_clobber, args.writing.json.as_ref())?;
     let inputs = Inputs { files, reading: args.reading, edits: &args.edits };
-    let (written, removed) = match target {
+    let (written, removed, notices) = match target {
         Target::Pages => {
             pages::convert(inputs, output, pages::settings(args.storage, args.writing.host_memory, false))?
         }
         Target::Scene(kind) => {
-            let (gaussians, is_antialiased) = read(inputs)?;
+            let Scene { gaussians, is_antialiased, notices, .. } = read(inputs)?;
             let before = gaussians.len();
             let gaussians = args.edits.applied(gaussians)?;
             ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
             let removed = before - gaussians.len();
-            (write_scene(output, kind, gaussians, is_antialiased)?, removed)
+            (write_scene(output, kind, gaussians, is_antialiased)?, removed, notices)
         }
     };
-    say_written(written, removed, args.writing.json.as_ref())
+    say_written(written, removed, notices, args.writing.json.as_ref())
 }
 
 /// Prints what was written, and writes the report.
-fn say_written(written: Written, removed: usize, json: Option<&Sink>) -> Result<()> {
+fn say_written(written: Written, removed: usize, notices: Vec<String>, json: Option<&Sink>) -> Result<()> {
     let Written { file, format, bytes, gaussians, sh_degree, transparent, loss } = written;
-    let report = Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss };
+    let report = Report { file, format, bytes, gaussians, sh_degree, removed, transparent, notices, loss };
     print(&report)?;
     json.map_or(Ok(()), |sink| sink.write_json(&report))
 }
 
-/// Reads the inputs as one scene. The second value is true if it was trained with antialiasing.
-fn read(Inputs { files, reading, .. }: Inputs) -> Result<(Gaussians, bool)> {
-    let (mut parts, mut is_antialiased) = (Vec::new(), None);
+/// Reads the inputs as one scene.
+fn read(Inputs { files, reading, .. }: Inputs) -> Result<Scene> {
+    let (mut parts, mut notices, mut is_antialiased) = (Vec::new(), Vec::new(), None);
     for input in files {
         let scene = SceneArg { scene: input.clone(), reading }.read()?;
+        if files.len() == 1 {
+            return Ok(scene);
+        }
         if is_antialiased.is_some_and(|others| others != scene.is_antialiased) {
             return Err(Usage(format!(
                 "{} was trained {} antialiasing, unlike the files before it: one file cannot record both",
@@ -199,10 +204,13 @@ fn read(Inputs { files, reading, .. }: Inputs) -> Result<(Gaussians, bool)> {
             .into());
         }
         is_antialiased = Some(scene.is_antialiased);
+        notices.extend(scene.notices.iter().map(|notice| format!("{}: {notice}", input.display())));
         parts.push(scene.gaussians);
     }
-    let joined = if parts.len() == 1 { parts.remove(0) } else { Gaussians::joined(parts.iter())? };
-    Ok((joined, is_antialiased.unwrap_or(false)))
+    let gaussians = Gaussians::joined(parts.iter())?;
+    let report = LoadReport { read: gaussians.len(), ..LoadReport::default() };
+    let is_antialiased = is_antialiased.unwrap_or(false);
+    Ok(Scene { gaussians, report, is_antialiased, notices, ..Scene::empty("several files") })
 }
 
 impl Edits {
@@ -241,7 +249,7 @@ impl Shape {
 }
 
 fn print(report: &Report) -> Result<()> {
-    let Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss } = report;
+    let Report { file, format, bytes, gaussians, sh_degree, removed, transparent, loss, .. } = report;
     say_file((file, format, *bytes), *gaussians, *sh_degree)?;
     if *removed > 0 {
         say!("  {removed} left out by --crop or --min-opacity")?;

@@ -33,8 +33,8 @@ pub fn settings(storage: Option<Options>, memory: Option<u64>, has_levels: bool)
     Settings { options: storage.unwrap_or(usual.options), memory, has_levels }
 }
 
-/// Writes a page file. Returns how many Gaussians were left out, too.
-pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Written, usize)> {
+/// Writes a page file. Returns how many Gaussians were left out, and the notices of the readers, too.
+pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
     let bar = progress::Bar::new("converting");
     let input = SceneArg { scene: inputs.files[0].clone(), reading: inputs.reading };
     let job = Job {
@@ -55,7 +55,7 @@ pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Wri
     if finished.resumed_levels > 0 {
         remark(&format!("{} parts of the levels were built by an earlier run", finished.resumed_levels));
     }
-    Ok((written(output, &finished)?, removed))
+    Ok((written(output, &finished)?, removed, finished.notices))
 }
 
 fn written(output: &Path, finished: &Finished) -> Result<Written> {
@@ -128,14 +128,7 @@ fn town_in_order(inputs: Inputs, town: Procedural, job: &Job) -> Result<(Finishe
 
 /// Writes the pages of a scene that is read as a whole.
 fn whole(inputs: Inputs, job: &Job) -> Result<(Finished, usize)> {
-    let scene = match inputs.files {
-        [input] => SceneArg { scene: input.clone(), reading: inputs.reading }.read()?,
-        _ => {
-            let (gaussians, is_antialiased) = read(inputs)?;
-            let report = LoadReport { read: gaussians.len(), ..LoadReport::default() };
-            Scene { gaussians, report, is_antialiased, ..Scene::empty("several files") }
-        }
-    };
+    let scene = read(inputs)?;
     let before = scene.gaussians.len();
     let gaussians = inputs.edits.applied(scene.gaussians)?;
     ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");

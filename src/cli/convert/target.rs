@@ -8,7 +8,7 @@ use anyhow::{Result, ensure};
 use crate::cli::sink::Sink;
 use crate::cli::{REPORTS_TO_STDOUT, Usage, progress, remark};
 use crate::files::{check_absent, check_binary_writable, is_stdout};
-use crate::formats::{FORMATS, Format, LOD_META, Loss, SceneFile, Writer, WrittenFile, in_folder, write_file};
+use crate::formats::{FORMATS, LOD_META, Loss, SceneFile, Writer, WrittenFile, in_folder, write_file};
 use crate::measure::prune::Written;
 use crate::scene::Gaussians;
 
@@ -48,11 +48,7 @@ impl Target {
     }
 
     fn named(output: &Path, format: Option<Self>) -> Result<Self, Usage> {
-        let named = match Format::of_name(output).and_then(|format| format.write) {
-            Some(writer) => Ok(Self::from(writer)),
-            None => SceneFile::of(output).map(Self::Scene),
-        };
-        match (named, format) {
+        match (Writer::of(output).map(Self::from), format) {
             (Ok(named), None) => Ok(named),
             (Ok(named), Some(format)) if named != format => {
                 Err(Usage(format!("--format: {} has the name of another format", output.display())))
@@ -118,6 +114,19 @@ pub(in crate::cli) fn write_scene(
     let transparent = gaussians.len() - arranged.len();
     ensure!(!arranged.is_empty(), "the format rounds the opacity of all {} Gaussians to 0", gaussians.len());
     drop(gaussians);
+    if let Some([least, most]) = kind.log_scales() {
+        // Half of the step of SPZ, and more than that of compressed PLY.
+        let is_held = |scale: &f32| (least - 0.03..=most + 0.03).contains(&scale.ln());
+        let clamped = arranged.scales().iter().filter(|scales| !scales.iter().all(is_held)).count();
+        if clamped > 0 {
+            remark(&format!(
+                "note: {}: {clamped} of {} Gaussians have a scale outside of e^{least} to e^{most}, the range of the \
+                 format, and are clamped",
+                output.display(),
+                arranged.len()
+            ));
+        }
+    }
     let bar = progress::Bar::new("reading back");
     let written = write_file(output, kind, &arranged, is_antialiased, &|fraction| bar.set(fraction))?;
     let WrittenFile { format, bytes, mut loss } = written;

@@ -19,5 +19,6 @@ mod read;
 mod rows;
 mod write;
 
+pub(crate) use header::{background_notice, kernel_notice};
 pub(crate) use read::{comes_in_blocks, read, read_blocks};
 pub(crate) use write::write;

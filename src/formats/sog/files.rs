@@ -34,6 +34,11 @@ impl Files {
                 read().with_context(|| name.to_owned())
             }
             Self::Archive(archive, _) => {
+                if archive.index_for_name(name).is_none()
+                    && let Some(other) = archive.file_names().next()
+                {
+                    bail!("the zip archive has no {name}, but {other}: unpack it first if that is a scene");
+                }
                 let file = match archive.by_name(name) {
                     Err(ZipError::FileNotFound) => bail!("the zip archive has no {name}"),
                     file => file.with_context(|| format!("{name} cannot be unpacked"))?,

@@ -57,6 +57,10 @@ pub(crate) fn read(input: &mut Input, json: &[u8], folder: &Path, level: Option<
         }
     });
     let finest = *levels.keys().next().context("the tree in lod-meta.json has no Gaussians")?;
+    // Levels are numbered from 0.
+    let last = levels.keys().next_back().map_or(0, |last| u64::from(*last) + 1);
+    let claimed = written.levels.map_or(0, u64::from);
+    ensure!(claimed <= last, "lod-meta.json claims {claimed} levels, its tree has {last}");
     let level = level.unwrap_or(finest);
     let numbers = || levels.keys().map(u32::to_string).collect::<Vec<_>>().join(", ");
     let is_there = levels.contains_key(&level);

@@ -1,14 +1,15 @@
 //! Reads SPZ versions 1, 2, 3 (gzip) and 4 (zstd streams): quantized planes in the axes right, up, back, unless an
-//! extension names others.
+//! extension names others. Servers may take off the gzip of versions 1 to 3.
 
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Cursor, Read};
 
 use anyhow::{Context, Result, bail, ensure};
 use flate2::bufread::GzDecoder;
+use glam::DQuat;
 use rayon::prelude::*;
 
 use crate::formats::input::{Input, word};
-use crate::scene::harmonics::flip_sign;
+use crate::scene::harmonics::{Turn, flip_sign};
 use crate::scene::{
     BLOCK, Builder, MAX_SH_DEGREE, RIGHT_UP_BACK, Raw, Scene, axis_signs, decode_rotation, logit, rest_values,
     rotation_signs,
@@ -32,6 +33,7 @@ struct Header {
     fractional_bits: u32,
     has_extensions: bool,
     is_antialiased: bool,
+    unknown_flags: u8,
 }
 
 impl Header {
@@ -45,8 +47,16 @@ impl Header {
         let flag = |bit: u8| bytes[14] & bit != 0;
         ensure!(!flag(0x80), "the file is a tree of levels of detail (flag 0x80), which is not supported");
         let (is_antialiased, has_extensions) = (flag(1), flag(2));
-        let header =
-            Self { version, count: count as usize, sh_degree, fractional_bits, has_extensions, is_antialiased };
+        let unknown_flags = bytes[14] & !3;
+        let header = Self {
+            version,
+            count: count as usize,
+            sh_degree,
+            fractional_bits,
+            has_extensions,
+            is_antialiased,
+            unknown_flags,
+        };
         let bytes_each: usize = header.planes().iter().map(|(_, bytes)| bytes).sum();
         let most = file_bytes.saturating_mul(MAX_RATIO) / bytes_each as u64;
         ensure!(
@@ -76,40 +86,65 @@ impl Header {
 
 /// Reads a file of any version.
 pub(crate) fn read(input: &mut Input) -> Result<Scene> {
-    if input.peek(4)?.starts_with(&MAGIC.to_le_bytes()) { read_v4(input) } else { read_gzip(input) }
+    let file_bytes = input.len();
+    match input.peek(8)? {
+        begin if !begin.starts_with(&MAGIC.to_le_bytes()) => {
+            input.set_read_fraction(READ_GZIP);
+            let content = Content::read(GzDecoder::new(&mut *input), file_bytes).context("in the gzip stream")?;
+            content.decode(input)
+        }
+        [_, _, _, _, 1..=3, 0, 0, 0] => {
+            input.set_read_fraction(READ_GZIP);
+            Content::read(&mut *input, file_bytes)?.decode(input)
+        }
+        _ => read_v4(input),
+    }
 }
 
-/// Reads versions 1 to 3: a gzip stream with one plane after another.
-fn read_gzip(input: &mut Input) -> Result<Scene> {
-    let file_bytes = input.len();
-    input.set_read_fraction(READ_GZIP);
-    let mut stream = GzDecoder::new(&mut *input);
-    let mut bytes = [0; 16];
-    stream.read_exact(&mut bytes).context("the gzip stream ends inside the SPZ header")?;
-    let header = Header::parse(&bytes, file_bytes)?;
-    match header.version {
-        1..=3 => {}
-        other => bail!("SPZ version {other} is not supported in a gzip stream, only 1 to 3"),
+/// The content of versions 1 to 3: one plane after another.
+struct Content {
+    header: Header,
+    planes: Vec<Cursor<Vec<u8>>>,
+    records: Vec<u8>,
+    builder: Builder,
+}
+
+impl Content {
+    /// Reads the content of a file of `file_bytes`.
+    fn read(mut stream: impl Read, file_bytes: u64) -> Result<Self> {
+        let mut bytes = [0; 16];
+        stream.read_exact(&mut bytes).context("it ends inside the SPZ header")?;
+        let header = Header::parse(&bytes, file_bytes)?;
+        match header.version {
+            1..=3 => {}
+            other => bail!("SPZ version {other} is not supported there, only 1 to 3"),
+        }
+        // Without room for the Gaussians nothing is decompressed.
+        let builder = Builder::new(header.sh_degree, header.count)?;
+        let mut planes = Vec::new();
+        for (name, bytes) in header.planes() {
+            let wanted = header.count * bytes;
+            let mut plane = Vec::new();
+            // Grows with the content, so a wrong count costs no memory.
+            (&mut stream)
+                .take(wanted as u64)
+                .read_to_end(&mut plane)
+                .with_context(|| format!("the {name} cannot be decompressed"))?;
+            ensure!(plane.len() == wanted, "the {name} end after {} of {wanted} bytes", plane.len());
+            planes.push(Cursor::new(plane));
+        }
+        // Reading to the end of the stream verifies its checksum, with or without extensions.
+        let mut records = Vec::new();
+        stream.take(MAX_EXTENSION_BYTES + 1).read_to_end(&mut records).context("it is damaged")?;
+        ensure!(records.len() as u64 <= MAX_EXTENSION_BYTES, "over {MAX_EXTENSION_BYTES} bytes follow the Gaussians");
+        Ok(Self { header, planes, records, builder })
     }
-    // Without room for the Gaussians nothing is decompressed.
-    let builder = Builder::new(header.sh_degree, header.count)?;
-    let mut planes = Vec::new();
-    for (name, bytes) in header.planes() {
-        let wanted = header.count * bytes;
-        let mut plane = Vec::new();
-        // Grows with the content, so a wrong count costs no memory.
-        (&mut stream)
-            .take(wanted as u64)
-            .read_to_end(&mut plane)
-            .with_context(|| format!("the {name} cannot be decompressed"))?;
-        ensure!(plane.len() == wanted, "the {name} end after {} of {wanted} bytes", plane.len());
-        planes.push(std::io::Cursor::new(plane));
+
+    fn decode(self, input: &mut Input) -> Result<Scene> {
+        let Self { header, planes, records, builder } = self;
+        let extensions = Extensions::parse(if header.has_extensions { &records } else { &[] })?;
+        decode(input, &header, &extensions, planes, builder)
     }
-    // Reading to the end of the stream verifies its checksum, with or without extensions.
-    let mut records = Vec::new();
-    stream.take(MAX_EXTENSION_BYTES + 1).read_to_end(&mut records).context("the gzip stream is damaged")?;
-    ensure!(records.len() as u64 <= MAX_EXTENSION_BYTES, "over {MAX_EXTENSION_BYTES} bytes follow the Gaussians");
-    decode(input, &header, flips(if header.has_extensions { &records } else { &[] })?, planes, builder)
 }
 
 /// Reads version 4: a plain header, a table of contents, and a zstd stream per plane.
@@ -118,7 +153,7 @@ fn read_v4(input: &mut Input) -> Result<Scene> {
     let mut bytes = [0; 32];
     input.fill(&mut bytes, "the SPZ header")?;
     let header = Header::parse(bytes.first_chunk().expect("32 bytes begin with 16"), input.len())?;
-    ensure!(header.version == 4, "SPZ version {} is not supported, only 4 without a gzip stream", header.version);
+    ensure!(header.version == 4, "SPZ version {} is not supported, only 1 to 4", header.version);
     let (streams, toc) = (bytes[15] as usize, u32::from_le_bytes([bytes[16], bytes[17], bytes[18], bytes[19]]));
     let planes = header.planes();
     ensure!(
@@ -132,7 +167,7 @@ fn read_v4(input: &mut Input) -> Result<Scene> {
     ensure!(gap <= input.left(), "the table of contents begins at byte {toc}, past the end of the file");
     ensure!(gap <= MAX_EXTENSION_BYTES, "{gap} bytes of extensions lie before the table of contents");
     let records = input.bytes(gap, "the extensions")?;
-    let flips = flips(if header.has_extensions { &records } else { &[] })?;
+    let extensions = Extensions::parse(if header.has_extensions { &records } else { &[] })?;
     let mut sizes = Vec::new();
     for (name, bytes) in &planes {
         let mut entry = [0; 16];
@@ -150,17 +185,17 @@ fn read_v4(input: &mut Input) -> Result<Scene> {
         ensure!(size <= most, "the stream of the {name} takes {size} bytes for {plain}, more than any encoder needs");
         let compressed = input.bytes(size, &format!("the stream of the {name}"))?;
         let decoder =
-            zstd::Decoder::new(std::io::Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;
+            zstd::Decoder::new(Cursor::new(compressed)).with_context(|| format!("the {name} are not zstd"))?;
         readers.push(BufReader::with_capacity(1 << 16, decoder));
     }
-    decode(input, &header, flips, readers, builder)
+    decode(input, &header, &extensions, readers, builder)
 }
 
 /// Decodes the Gaussians block by block. While one is decoded, the next one is decompressed, all planes in parallel.
 fn decode<R: Read + Send>(
     input: &mut Input,
     header: &Header,
-    flips: [bool; 3],
+    extensions: &Extensions,
     mut planes: Vec<R>,
     mut builder: Builder,
 ) -> Result<Scene> {
@@ -177,7 +212,10 @@ fn decode<R: Read + Send>(
         let (read, ()) = rayon::join(
             || read_blocks(&mut planes, &mut next, header, first + BLOCK),
             || {
-                let decode = |index, sh: &mut [_]| gaussian(header.version, |plane| row(plane, index), step, flips, sh);
+                let decode = |index, sh: &mut [_]| {
+                    let raw = gaussian(header.version, |plane| row(plane, index), step, extensions.flips, sh);
+                    extensions.turn.as_ref().map_or(raw, |turn| upright(raw, sh, turn))
+                };
                 builder.extend(BLOCK.min(header.count - first), decode);
             },
         );
@@ -195,7 +233,7 @@ fn decode<R: Read + Send>(
         report,
         format: format!("SPZ {}", header.version),
         is_antialiased: header.is_antialiased,
-        notices: Vec::new(),
+        notices: notices(header, extensions),
         levels: Vec::new(),
     })
 }
@@ -245,28 +283,85 @@ fn gaussian<'b>(
 const MAX_EXTENSION_BYTES: u64 = 1 << 20;
 /// Type of the extension that names the axes of the file.
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
+/// Type of the extension with the cameras that a viewer should allow.
+const SAFE_ORBIT_CAMERA: u32 = 0xadbe_0002;
 
-/// The axes that must be reversed to get right, down, forward, from the extension records (type, length, payload).
-fn flips(records: &[u8]) -> Result<[bool; 3]> {
-    let mut rest = records;
-    while let Some((head, tail)) = rest.split_first_chunk::<8>() {
-        let [kind, bytes] = [0, 4].map(|at| u32::from_le_bytes(std::array::from_fn(|i| head[at + i])));
-        let Some((payload, next)) = tail.split_at_checked(bytes as usize) else {
-            bail!("an extension claims {bytes} bytes, {} are left", tail.len());
-        };
-        if kind == COORDINATE_SYSTEM {
-            let system =
-                payload.first_chunk().map(|b| u32::from_le_bytes(*b)).context("the coordinate system is missing")?;
-            return match system {
-                0 => Ok(RIGHT_UP_BACK),
-                // The number minus 1 has a bit each for right, up and front.
-                1..=8 => Ok([(system - 1) & 1 == 0, (system - 1) & 2 != 0, (system - 1) & 4 == 0]),
-                _ => bail!("coordinate system {system} exchanges axes, which is not supported"),
+/// Largest number of unknown extensions that are named.
+const MOST_UNKNOWN: usize = 4;
+
+/// What the extension records state.
+struct Extensions {
+    /// The axes that must be reversed to get right, down, forward, or before the turn right, forward, up.
+    flips: [bool; 3],
+    /// The turn of harmonics from right, forward, up to right, down, forward.
+    turn: Option<Turn>,
+    unknown: Vec<u32>,
+}
+
+impl Extensions {
+    /// Parses records (type, length, payload).
+    fn parse(records: &[u8]) -> Result<Self> {
+        let mut found = Self { flips: RIGHT_UP_BACK, turn: None, unknown: Vec::new() };
+        let mut rest = records;
+        while let Some((head, tail)) = rest.split_first_chunk::<8>() {
+            let [kind, bytes] = [0, 4].map(|at| u32::from_le_bytes(std::array::from_fn(|i| head[at + i])));
+            let Some((payload, next)) = tail.split_at_checked(bytes as usize) else {
+                bail!("an extension claims {bytes} bytes, {} are left", tail.len());
             };
+            match kind {
+                COORDINATE_SYSTEM => {
+                    let system = payload.first_chunk().map(|b| u32::from_le_bytes(*b));
+                    found.take_axes(system.context("the coordinate system is missing")?)?;
+                }
+                SAFE_ORBIT_CAMERA => {}
+                other if found.unknown.len() < MOST_UNKNOWN && !found.unknown.contains(&other) => {
+                    found.unknown.push(other)
+                }
+                _ => {}
+            }
+            rest = next;
         }
-        rest = next;
+        Ok(found)
     }
-    Ok(RIGHT_UP_BACK)
+
+    /// Takes a coordinate system by its number in SPZ's `splat-types.h`.
+    fn take_axes(&mut self, system: u32) -> Result<()> {
+        let Some(bits) = system.checked_sub(1) else { return Ok(()) };
+        // The first bit is right, the second up.
+        let (is_right, is_up, third) = (bits & 1 != 0, bits & 2 != 0, bits & 4 != 0);
+        match bits {
+            // x, up or down, front (the third bit) or back.
+            0..8 => self.flips = [!is_right, is_up, !third],
+            // x, front or back (the third bit), up or down.
+            8..16 => {
+                self.flips = [!is_right, third, !is_up];
+                self.turn = Some(Turn::new(quarter_turn()));
+            }
+            _ => bail!("coordinate system {system} is unknown, only 0 to 16 are known"),
+        }
+        Ok(())
+    }
+}
+
+/// Notes on flags and extensions that may change the picture.
+fn notices(header: &Header, extensions: &Extensions) -> Vec<String> {
+    let flags = header.unknown_flags;
+    let flags = (flags != 0).then(|| format!("its flags {flags:#04x} are unknown and not used"));
+    let kinds = extensions.unknown.iter().map(|kind| format!("its extension {kind:#010x} is unknown and not used"));
+    flags.into_iter().chain(kinds).collect()
+}
+
+/// The rotation from right, forward, up to right, down, forward.
+fn quarter_turn() -> DQuat {
+    DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2)
+}
+
+/// A Gaussian in the axes right, forward, up in the axes right, down, forward.
+fn upright(raw: Raw, sh: &mut [[f32; 3]], turn: &Turn) -> Raw {
+    let ([x, y, z], [w, i, j, k]) = (raw.mean, raw.rotation);
+    let q = quarter_turn() * DQuat::from_xyzw(i, j, k, w);
+    turn.apply(sh);
+    Raw { mean: [x, -z, y], rotation: [q.w, q.x, q.y, q.z], ..raw }
 }
 
 /// The rotation of versions 1 and 2: x, y, z as bytes; w is not negative.
