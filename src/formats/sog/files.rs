@@ -35,7 +35,7 @@ impl Files {
             }
             Self::Archive(archive, _) => {
                 if archive.index_for_name(name).is_none()
-                    && let Some(other) = archive.file_names().next()
+                    && let Some(Ok(other)) = archive.file_names().next()
                 {
                     bail!("the zip archive has no {name}, but {other}: unpack it first if that is a scene");
                 }
