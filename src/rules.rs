@@ -44,6 +44,10 @@ pub struct Rules {
     /// Multiplies the opacity of a splat by the ratio of its areas before and after the low-pass (Mip-Splatting, Yu et
     /// al. 2024). For scenes that were trained so.
     pub antialiased: bool,
+    /// Sums of spherical harmonics are features, numbers of any sign: 0.5 is not added, and negative sums are kept.
+    /// Only the library draws features, so that reports do not have this rule.
+    #[serde(skip)]
+    pub features: bool,
 }
 
 /// Sort key of the splats, front to back. Splats with equal keys keep the order of the file.
@@ -128,6 +132,7 @@ impl Rules {
         alpha_max: ALPHA_MAX,
         transmittance_min: TRANSMITTANCE_MIN,
         antialiased: false,
+        features: false,
     };
     /// The rules of the original program (diff-gaussian-rasterization), which cuts footprints to squares of tiles.
     pub const INRIA: Self = Self { extent: Footprint::ThreeSigmaSquares, ..Self::TRAINED };

@@ -65,10 +65,19 @@ float[SH_FUNCTIONS] harmonics_basis(uint degree, vec3 d) {
     return basis;
 }
 
-// The colour seen in the unit direction `d`; no channel is negative.
+layout(constant_id = 21) const bool FEATURES = false;  // sums are features: nothing is added, negative ones are kept
+
+const vec3 NO_HARMONICS = vec3(FEATURES ? 0.0 : 0.5);  // the sum without coefficients
+
+// The colour of a sum of spherical harmonics, whose channels are not negative, or the sum itself if it is a feature.
+vec3 colour_of_sum(vec3 sum) {
+    return FEATURES ? sum : max(sum, 0.0);
+}
+
+// The colour seen in the unit direction `d`.
 vec3 harmonics_colour(vec4 floats[SH_VECTORS], uint degree, vec3 d) {
     float basis[SH_FUNCTIONS] = harmonics_basis(degree, d);
-    vec3 colour = vec3(0.5);
+    vec3 colour = NO_HARMONICS;
     for (uint i = 0; i < (degree + 1) * (degree + 1); i++) colour += basis[i] * coefficient(floats, i);
-    return max(colour, 0.0);
+    return colour_of_sum(colour);
 }

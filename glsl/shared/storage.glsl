@@ -123,7 +123,7 @@ void load_sh(uint gaussian, out vec4 floats[SH_VECTORS]) {
     unpack_sh(stored, floats);
 }
 
-// The colour seen in the unit direction `d`, from the words of `fetch_sh`; no channel is negative.
+// The colour seen in the unit direction `d`, from the words of `fetch_sh`.
 vec3 stored_colour(uvec4 stored[SH_VECTORS], vec3 d) {
     if (SH_STORAGE != STORED_U8) {
         vec4 floats[SH_VECTORS];
@@ -132,7 +132,7 @@ vec3 stored_colour(uvec4 stored[SH_VECTORS], vec3 d) {
     }
     // All channels of a coefficient have one grid, so it is multiplied into the basis function once.
     float basis[SH_FUNCTIONS] = harmonics_basis(SH_DEGREE, d);
-    vec3 colour = vec3(0.5);
+    vec3 colour = NO_HARMONICS;
     [[unroll]] for (uint i = 0; i < SH_FLOATS / 3; i++) {
         vec3 numbers;
         [[unroll]] for (uint c = 0; c < 3; c++) {
@@ -141,5 +141,5 @@ vec3 stored_colour(uvec4 stored[SH_VECTORS], vec3 d) {
         }
         colour += basis[i] * grids.sh[i].x + basis[i] * grids.sh[i].y * numbers;
     }
-    return max(colour, 0.0);
+    return colour_of_sum(colour);
 }

@@ -1,18 +1,24 @@
-"""The function `rasterization` of gsplat 1.5.3, drawn by smalto."""
+"""The function `rasterization` of gsplat (1.5.3 and 1.6.0), drawn by smalto."""
 
 import math
+import operator
 import sys
 import threading
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from ._cuda import Frames, is_same_device
-from ._smalto import Camera, Error, Renderer, Scene
+from ._meta import Meta, is_tensor, projector
+from ._smalto import MAX_SH_DEGREE, Camera, Error, Renderer, Scene
 
-# The constant of the spherical harmonic of degree 0.
-_C0 = 0.28209479177387814
+# An array of NumPy or a tensor of PyTorch.
+_Array = TypeVar("_Array")
+RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED", "d", "Ed", "RGB-d", "RGB-Ed"]
+
 # The most channels that one picture holds.
 _CHANNELS = 3
+_TILE = 16
 
 _lock = threading.Lock()
 _kept = None
@@ -21,19 +27,50 @@ _kept = None
 class _Kept:
     """A renderer, with copies of the arrays of its scene: they tell whether the next call draws the same scene."""
 
-    def __init__(self, options, arrays):
+    def __init__(self, options, geometry, sh):
         self.options, self.frames = options, {}
-        device, near, antialiased = options
-        scene = Scene.from_arrays(*arrays)
+        device, near, antialiased, _ = options
+        scene = _scene(geometry, sh)
         self.renderer = Renderer(scene, device=device, preset="gsplat", near=near, antialiased=antialiased)
-        self._keep(arrays)
+        self._keep(geometry, sh)
 
-    def update(self, arrays):
-        self.renderer.update(Scene.from_arrays(*arrays))
-        self._keep(arrays)
+    def draws(self, options, geometry, sh):
+        """True if it draws this scene."""
+        arrays = geometry if sh is None else [*geometry, sh]
+        return self.options == options and all(_equal(*pair) for pair in zip(self.arrays, arrays))
 
-    def _keep(self, arrays):
-        self.arrays, self.extent = [_copy(values) for values in arrays], _extent(arrays[0])
+    def update(self, geometry, sh):
+        self.renderer.update(_scene(geometry, sh))
+        self._keep(geometry, sh)
+
+    def _keep(self, geometry, sh):
+        self.arrays, self.extent = [_copy(values) for values in geometry], _extent(geometry[0])
+        if sh is not None:
+            self.arrays.append(_copy(sh))
+        self.features, self.brought = None, []
+
+    def channels(self, features, is_kept):
+        """The features on the device, three channels each. Those of the last call, if they are equal and were kept."""
+        if is_kept and self.features is not None and _equal(self.features, features):
+            return self.brought
+        # The memory of the old ones is free before the new ones take theirs.
+        self.features, self.brought = None, []
+        starts = range(0, features.shape[-1], _CHANNELS)
+        brought = [self.renderer._bring(features[:, start : start + _CHANNELS]) for start in starts]
+        if is_kept:
+            self.features, self.brought = _copy(features), brought
+        return brought
+
+
+def _scene(geometry, sh):
+    if sh is None:
+        return Scene._of_features(*geometry)
+    try:
+        return Scene.from_arrays(*geometry, sh)
+    except (TypeError, ValueError) as error:
+        if not str(error).startswith("sh:"):
+            raise
+        raise type(error)(f"colors{str(error)[2:]}") from None
 
 
 class _Host:
@@ -71,63 +108,76 @@ class _Device:
 
 
 def rasterization(
-    means,
-    quats,
-    scales,
-    opacities,
-    colors,
-    viewmats,
-    Ks,
-    width,
-    height,
-    near_plane=0.01,
-    far_plane=1e10,
-    radius_clip=0.0,
-    eps2d=0.3,
-    sh_degree=None,
-    packed=True,
-    tile_size=16,
-    backgrounds=None,
-    render_mode="RGB",
-    sparse_grad=False,
-    absgrad=False,
-    rasterize_mode="classic",
-    channel_chunk=32,
-    distributed=False,
-    camera_model="pinhole",
-    segmented=False,
-    covars=None,
-    with_ut=False,
-    with_eval3d=False,
-    radial_coeffs=None,
-    tangential_coeffs=None,
-    thin_prism_coeffs=None,
-    ftheta_coeffs=None,
-    rolling_shutter=None,
-    viewmats_rs=None,
+    means: _Array,
+    quats: Any,
+    scales: Any,
+    opacities: Any,
+    colors: Any,
+    viewmats: Any,
+    Ks: Any,
+    width: int,
+    height: int,
+    near_plane: float = 0.01,
+    far_plane: float = 1e10,
+    radius_clip: float = 0.0,
+    eps2d: float = 0.3,
+    sh_degree: int | None = None,
+    packed: bool = True,
+    tile_size: int | None = None,
+    backgrounds: Any = None,
+    render_mode: RenderMode = "RGB",
+    sparse_grad: bool = False,
+    absgrad: bool = False,
+    rasterize_mode: Literal["classic", "antialiased"] = "classic",
+    channel_chunk: int = 32,
+    distributed: bool = False,
+    camera_model: Literal["pinhole"] = "pinhole",
+    segmented: bool = False,
+    covars: None = None,
+    with_ut: bool = False,
+    with_eval3d: bool = False,
+    return_normals: bool = False,
+    global_z_order: bool = True,
+    rays: None = None,
+    radial_coeffs: None = None,
+    tangential_coeffs: None = None,
+    thin_prism_coeffs: None = None,
+    ftheta_coeffs: None = None,
+    lidar_coeffs: None = None,
+    external_distortion_coeffs: None = None,
+    rolling_shutter: Any = None,
+    viewmats_rs: None = None,
+    ut_params: Any = None,
+    extra_signals: None = None,
+    extra_signals_sh_degree: None = None,
+    renderer_config: Any = None,
     *,
-    device=None,
-):
-    """Draws a batch of pictures, with the arguments and results of gsplat 1.5.3, by its rules. There are no gradients.
+    device: str | int | None = None,
+) -> tuple[_Array, _Array, Meta]:
+    """Draws a batch of pictures, with the arguments and results of gsplat 1.6 and 1.5, by its rules, on any Vulkan
+    device. There are no gradients.
 
     Arguments are arrays of NumPy, or tensors of PyTorch that are all on one device; the results are of the same kind.
-    Leading axes (...) are batches of scenes.
+    Leading axes (...) are batches of scenes. Numbers may have 16, 32 or 64 bits; the arithmetic has 32.
 
     means (..., N, 3), quats (..., N, 4) as w, x, y, z, scales (..., N, 3), opacities (..., N) from 0 to 1.
-    colors: without `sh_degree`, (..., N, D) or (..., C, N, D) of any D channels; with it, coefficients of spherical
-        harmonics (..., N, K, 3) or (..., C, N, K, 3), of which those up to `sh_degree`, at most 4, are used.
-    viewmats (..., C, 4, 4) from world to view, Ks (..., C, 3, 3) in pixels, backgrounds (..., C, D).
+    colors: without `sh_degree`, (..., N, D) or (..., C, N, D) of any D channels and any sign; with it, coefficients of
+        spherical harmonics (..., N, K, 3), (..., C, N, K, 3), or (N, K, 3) for all scenes, of which those up to
+        `sh_degree` are used. None if `render_mode` has no RGB.
+    viewmats (..., C, 4, 4) from world to view, Ks (..., C, 3, 3) in pixels, backgrounds (..., C, D). Poses are used as
+        they are; the 3x3 R of one may differ from a rotation by 0.005 in an entry of R R^T - I, and else is refused.
     render_mode: RGB, D (depth times coverage), ED (mean depth), RGB+D or RGB+ED, with depth as the last channel.
     rasterize_mode: classic or antialiased. `near_plane` and `far_plane` are view depths in world units.
     device: the Vulkan device, as for `Renderer`.
 
-    packed, tile_size, sparse_grad, absgrad, channel_chunk and segmented change no picture and are ignored. What is not
-    drawn (radius_clip, another eps2d, other camera models, covars, distortion, rolling shutter, several ranks) is
-    refused.
+    packed and tile_size are those of `meta`. sparse_grad, absgrad, channel_chunk, segmented and ut_params change no
+    picture and are ignored. What is not drawn is refused by name: radius_clip, another eps2d, other camera models,
+    distances along rays (d, Ed, RGB-d, RGB-Ed), covars, distortion, rolling shutter, normals, signals beside the
+    colors, several ranks.
 
-    Returns colors (..., C, height, width, X) and alphas (..., C, height, width, 1) in float32, and a dictionary with
-    width, height, n_cameras, and `timings`, the GPU milliseconds of each picture. The scene of the last call stays on
-    the device, with a copy of its arrays, and is used again if they are equal; `release` frees both.
+    Returns colors (..., C, height, width, X) and alphas (..., C, height, width, 1) in float32, and a mapping `meta`
+    with gsplat's keys, whose values are computed when they are read: `help(type(meta))`. The scene of the last call
+    stays on the device, with a copy of its arrays, and is used again if they are equal; `release` frees both.
     Errors: TypeError, ValueError, and smalto.Error where a gradient is expected.
     """
     refused = {
@@ -138,21 +188,38 @@ def rasterization(
         "covars": covars is not None,
         "with_ut": bool(with_ut),
         "with_eval3d": bool(with_eval3d),
+        "return_normals": bool(return_normals),
+        "global_z_order": not global_z_order,
+        "rays": rays is not None,
         "radial_coeffs": radial_coeffs is not None,
         "tangential_coeffs": tangential_coeffs is not None,
         "thin_prism_coeffs": thin_prism_coeffs is not None,
         "ftheta_coeffs": ftheta_coeffs is not None,
+        "lidar_coeffs": lidar_coeffs is not None,
+        "external_distortion_coeffs": external_distortion_coeffs is not None,
         "rolling_shutter": getattr(rolling_shutter, "name", "GLOBAL") != "GLOBAL",
         "viewmats_rs": viewmats_rs is not None,
+        "extra_signals": extra_signals is not None,
+        "extra_signals_sh_degree": extra_signals_sh_degree is not None,
+        "renderer_config": type(renderer_config).__name__ not in ("NoneType", "RendererConfig_MixedBatch"),
     }
     for name in (name for name, is_set in refused.items() if is_set):
         raise ValueError(f"{name}: smalto draws pinhole cameras with gsplat's default for {name} only")
-    _one_of("render_mode", render_mode, ["RGB", "D", "ED", "RGB+D", "RGB+ED"])
     _one_of("rasterize_mode", rasterize_mode, ["classic", "antialiased"])
-    if sh_degree is not None and sh_degree not in range(5):
-        raise ValueError(f"sh_degree: expected 0 to 4, found {sh_degree}")
+    if render_mode in ("d", "Ed", "RGB-d", "RGB-Ed"):
+        raise ValueError(f"render_mode: {render_mode} is a distance along rays, which needs gsplat's with_eval3d")
+    _one_of("render_mode", render_mode, ["RGB", "D", "ED", "RGB+D", "RGB+ED"])
+    size = (_whole("width", width, 1), _whole("height", height, 1))
+    tile_size = _TILE if tile_size is None else _whole("tile_size", tile_size, 1)
+    if sh_degree is not None:
+        sh_degree = _whole("sh_degree", sh_degree, 0, MAX_SH_DEGREE)
     if not near_plane < far_plane:
         raise ValueError(f"near_plane: {near_plane} is not less than far_plane, {far_plane}")
+    has_color = render_mode.startswith("RGB")
+    if has_color and colors is None:
+        raise TypeError(f"colors: render_mode {render_mode} needs them")
+    if not has_color:
+        colors, backgrounds, sh_degree = None, None, None
 
     arrays = {
         "means": means,
@@ -167,63 +234,83 @@ def rasterization(
     result, arrays = _checked_kind({name: values for name, values in arrays.items() if values is not None})
     batch = _checked_shapes(arrays, sh_degree)
     count, cameras = math.prod(batch), arrays["viewmats"].shape[-3]
-    scenes = {name: values.reshape(count, *values.shape[len(batch) :]) for name, values in arrays.items()}
+    # Spherical harmonics without the axes of a batch are those of all scenes.
+    shared = {"colors"} if sh_degree is not None and len(batch) > 0 and arrays["colors"].ndim == 3 else set()
+    scenes = {
+        name: [values] * count if name in shared else values.reshape(count, *values.shape[len(batch) :])
+        for name, values in arrays.items()
+    }
     # gsplat draws what lies on the near plane, smalto only what lies beyond.
     near = max(float(np.nextafter(np.float32(near_plane), np.float32(-np.inf))), float(np.finfo(np.float32).tiny))
-    options = (device, near, rasterize_mode == "antialiased")
+    options = (device, near, rasterize_mode == "antialiased", sh_degree is None)
 
     depth_mode = render_mode.split("+")[-1] if render_mode != "RGB" else None
-    has_color = render_mode.startswith("RGB")
-    channels = (3 if sh_degree is not None else arrays["colors"].shape[-1]) if has_color else 0
-    size = (int(width), int(height))
+    channels = 0 if not has_color else 3 if sh_degree is not None else arrays["colors"].shape[-1]
     shapes = [(count, cameras, size[1], size[0], n) for n in (channels + (depth_mode is not None), 1)]
     timings = []
     with _lock:
         canvas = _canvas(options, arrays["means"], shapes)
         for b in range(count):
             one = {name: values[b] for name, values in scenes.items()}
-            _draw(one, options, size, sh_degree, far_plane, has_color, depth_mode, (canvas, b, timings))
+            _draw(one, options, size, sh_degree, far_plane, depth_mode, (canvas, b, timings))
     colors, alphas = canvas.colors, canvas.alphas
-    if backgrounds is not None and has_color:
+    if backgrounds is not None:
         ground = scenes["backgrounds"] if isinstance(canvas, _Device) else _host(scenes["backgrounds"])
         colors[..., :channels] += (1 - alphas) * ground[:, :, None, None, :]
-    meta = {"width": size[0], "height": size[1], "n_cameras": cameras, "timings": timings}
+    known = {
+        "tile_width": -(-size[0] // tile_size),
+        "tile_height": -(-size[1] // tile_size),
+        "width": size[0],
+        "height": size[1],
+        "tile_size": tile_size,
+        "n_batches": count,
+        "n_cameras": cameras,
+        "timings": timings,
+    }
+    project = projector(scenes, batch, size, (near_plane, far_plane), eps2d, rasterize_mode == "antialiased")
+    meta = Meta(known, project, bool(packed))
     return result(colors.reshape(*batch, *colors.shape[1:])), result(alphas.reshape(*batch, *alphas.shape[1:])), meta
 
 
-def release():
+def release() -> None:
     """Frees the memory that `rasterization` keeps from one call to the next."""
     global _kept
     with _lock:
         _kept = None
 
 
-def _draw(one, options, size, sh_degree, far_plane, has_color, depth_mode, into):
-    """Draws the views of one scene: a picture for every three channels, and one more scene for every camera that has
-    its own colors or leaves out what lies beyond the far plane."""
+def _draw(one, options, size, sh_degree, far_plane, depth_mode, into):
+    """Draws the views of one scene: a picture for every three channels, and one more scene for every camera that leaves
+    out what lies beyond the far plane or has its own spherical harmonics."""
     canvas, b, timings = into
     drawn, alphas = canvas.colors[b], canvas.alphas[b]
     poses, intrinsics = _host(one["viewmats"]), _host(one["Ks"])
-    views = [Camera(K=K, size=size, viewmat=pose) for K, pose in zip(intrinsics, poses)]
-    has_own_colors = one["colors"].ndim == (3 if sh_degree is None else 4)
+    views = [Camera._as_given(K, size, pose) for K, pose in zip(intrinsics, poses)]
+    colors = one.get("colors")
+    has_own_colors = colors is not None and colors.ndim == (3 if sh_degree is None else 4)
     is_cut = _farthest(one["means"], poses) > far_plane
     apart = [[c] for c in range(len(views))] if has_own_colors or is_cut else [list(range(len(views)))]
     for some in apart:
-        colors = one["colors"][some[0]] if has_own_colors else one["colors"]
-        arrays = [one[name] for name in ("means", "quats", "scales", "opacities")]
-        groups = _groups(colors, sh_degree) if has_color else [(slice(0, 0), 0.0, _black(arrays[0]))]
-        for channels, shift, sh in groups:
-            gaussians = [*arrays, sh]
-            if is_cut:
-                gaussians = _before(gaussians, poses[some[0]], far_plane)
+        look = colors[some[0]] if has_own_colors else colors
+        geometry = [one[name] for name in ("means", "quats", "scales", "opacities")]
+        if is_cut:
+            rows = _before(geometry[0], poses[some[0]], far_plane)
+            geometry, look = [_rows(values, rows) for values in geometry], None if look is None else _rows(look, rows)
+        sh = None if sh_degree is None else look[:, : (sh_degree + 1) ** 2]
+        kept = _keeping(options, geometry, sh)
+        groups = [None]
+        if look is not None and sh is None:
+            groups = kept.channels(look, is_kept=len(apart) == 1)
+        for group, channels in enumerate(groups):
+            if channels is not None:
+                kept.renderer._show(channels)
+            start = _CHANNELS * group
+            stop = start if look is None else min(start + _CHANNELS, drawn.shape[-1] - (depth_mode is not None))
             # All pictures of a camera have the same depths.
-            has_depth = depth_mode is not None and channels.start == 0
-            pictures = canvas.draw(_keeping(options, gaussians), [views[c] for c in some], has_depth)
+            has_depth = depth_mode is not None and group == 0
+            pictures = canvas.draw(kept, [views[c] for c in some], has_depth)
             for c, (color, alpha, depth, times) in zip(some, pictures):
-                width = channels.stop - channels.start
-                drawn[c, ..., channels] = color[..., :width]
-                if shift:
-                    drawn[c, ..., channels] -= shift * alpha[..., None]
+                drawn[c, ..., start:stop] = color[..., : stop - start]
                 alphas[c, ..., 0] = alpha
                 if has_depth:
                     drawn[c, ..., -1] = depth * alpha if depth_mode == "D" else depth
@@ -232,55 +319,37 @@ def _draw(one, options, size, sh_degree, far_plane, has_color, depth_mode, into)
 
 def _canvas(options, means, shapes):
     """Where pictures go: the device of the tensors if it draws, else the host."""
-    if _is_tensor(means) and means.device.type == "cuda":
+    if is_tensor(means) and means.device.type == "cuda":
         torch = sys.modules["torch"]
         if is_same_device(torch, means.device, options[0]):
             return _Device(torch, means.device, *shapes)
     return _Host(*shapes)
 
 
-def _keeping(options, arrays):
+def _keeping(options, geometry, sh):
     """What draws the scene: that of the last call, if its scene is the same."""
     global _kept
     kept = _kept
-    if kept is not None and kept.options == options and all(_equal(*pair) for pair in zip(kept.arrays, arrays)):
+    if kept is not None and kept.draws(options, geometry, sh):
         return kept
     # If this fails, nothing is kept: the arrays and what is on the device might be of two scenes.
     _kept = None
     if kept is None or kept.options != options:
         kept = None
-        kept = _Kept(options, arrays)
+        kept = _Kept(options, geometry, sh)
     else:
-        kept.update(arrays)
+        kept.update(geometry, sh)
     _kept = kept
     return kept
 
 
-def _groups(colors, sh_degree):
-    """The channels of each picture, what is taken off them, and their spherical harmonics."""
-    if sh_degree is not None:
-        yield slice(0, 3), 0.0, colors[:, : (sh_degree + 1) ** 2]
-        return
-    for start in range(0, colors.shape[-1], _CHANNELS):
-        some = colors[:, start : start + _CHANNELS]
-        width = some.shape[-1]
-        # A sum of spherical harmonics below 0 is black.
-        shift = max(0.0, -float(some.min())) if len(some) else 0.0
-        sh = (some + (shift - 0.5)) * (1 / _C0)
-        if width < _CHANNELS:
-            sh = sh[:, [min(i, width - 1) for i in range(_CHANNELS)]]
-        yield slice(start, start + width), shift, sh[:, None]
+def _before(means, pose, far_plane):
+    """The rows of Gaussians that do not lie beyond the far plane."""
+    return np.flatnonzero(_host(means).astype(np.float64) @ pose[2, :3] + pose[2, 3] <= far_plane)
 
 
-def _black(means):
-    return (means * 0)[:, None]
-
-
-def _before(arrays, pose, far_plane):
-    """The Gaussians that do not lie beyond the far plane."""
-    means = _host(arrays[0]).astype(np.float64)
-    rows = np.flatnonzero(means @ pose[2, :3] + pose[2, 3] <= far_plane)
-    return [values[rows.tolist()] if _is_tensor(values) else values[rows] for values in arrays]
+def _rows(values, rows):
+    return values[rows.tolist()] if is_tensor(values) else values[rows]
 
 
 def _farthest(means, poses):
@@ -297,16 +366,11 @@ def _extent(means):
     return float(abs(means).max()) if len(means) else 0.0
 
 
-def _is_tensor(values):
-    torch = sys.modules.get("torch")
-    return torch is not None and isinstance(values, torch.Tensor)
-
-
 def _checked_kind(arrays):
     """What makes results of the kind of the arguments, and the arguments as arrays."""
-    tensors = {name: values for name, values in arrays.items() if _is_tensor(values)}
+    tensors = {name: values for name, values in arrays.items() if is_tensor(values)}
     if not tensors:
-        return (lambda values: values), {name: np.asarray(values) for name, values in arrays.items()}
+        return (lambda values: values), {name: _wide(_array(name, values)) for name, values in arrays.items()}
     torch = sys.modules["torch"]
     devices = {name: str(values.device) for name, values in tensors.items()}
     devices |= {name: "of NumPy" for name in arrays if name not in tensors}
@@ -316,8 +380,22 @@ def _checked_kind(arrays):
     if torch.is_grad_enabled() and any(values.requires_grad for values in tensors.values()):
         raise Error("rasterization has no gradients: call it under torch.no_grad()")
     where = next(iter(tensors.values())).device
-    detached = {name: values.detach() for name, values in tensors.items()}
+    detached = {name: _wide(values.detach()) for name, values in tensors.items()}
     return (lambda values: torch.as_tensor(values, device=where)), detached
+
+
+def _array(name, values):
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name}: expected numbers, found an array of {array.dtype}")
+    return array
+
+
+def _wide(values):
+    """Floats of 16 bits as floats of 32: the arithmetic of half precision shows."""
+    if is_tensor(values):
+        return values.float() if values.is_floating_point() and values.element_size() < 4 else values
+    return values.astype(np.float32) if values.dtype == np.float16 else values
 
 
 def _checked_shapes(arrays, sh_degree):
@@ -327,31 +405,52 @@ def _checked_shapes(arrays, sh_degree):
         raise ValueError(f"means: expected the shape (..., N, 3), found {shapes['means']}")
     batch, n = shapes["means"][:-2], shapes["means"][-2]
     c = shapes["viewmats"][-3] if len(shapes["viewmats"]) >= 3 else None
-    axes = (len(batch) + 2, len(batch) + 3) if sh_degree is None else (len(batch) + 3, len(batch) + 4)
-    own = (c,) if len(shapes["colors"]) == axes[1] else ()
-    last = (None,) if sh_degree is None else (None, 3)
-    if len(shapes["colors"]) not in axes:
-        raise ValueError(f"colors: expected {axes[0]} or {axes[1]} axes, found the shape {shapes['colors']}")
+    expected_colors = _expected_colors(shapes.get("colors"), batch, n, c, sh_degree)
     expected = {
         "means": (n, 3),
         "quats": (n, 4),
         "scales": (n, 3),
         "opacities": (n,),
-        "colors": (*own, n, *last),
         "viewmats": (c, 4, 4),
         "Ks": (c, 3, 3),
-        "backgrounds": (c, 3 if sh_degree is not None else shapes["colors"][-1]),
+        "backgrounds": (c, 3 if sh_degree is not None else shapes.get("colors", (0,))[-1]),
     }
     for name, shape in shapes.items():
-        wanted = (*batch, *expected[name])
+        wanted = expected_colors if name == "colors" else (*batch, *expected[name])
         if len(shape) != len(wanted) or any(w not in (None, s) for s, w in zip(shape, wanted)):
             text = ", ".join("?" if w is None else str(w) for w in wanted)
             raise ValueError(f"{name}: expected the shape ({text}), found {shape}")
     if sh_degree is not None and shapes["colors"][-2] < (sh_degree + 1) ** 2:
-        raise ValueError(f"colors: sh_degree {sh_degree} needs {(sh_degree + 1) ** 2} coefficients, found {shapes['colors'][-2]}")
-    if sh_degree is None and shapes["colors"][-1] == 0:
+        found = shapes["colors"][-2]
+        raise ValueError(f"colors: sh_degree {sh_degree} needs {(sh_degree + 1) ** 2} coefficients, found {found}")
+    if "colors" in shapes and shapes["colors"][-1] == 0:
         raise ValueError("colors: there are no channels")
     return batch
+
+
+def _expected_colors(shape, batch, n, c, sh_degree):
+    """The shape that colors must have, by their number of axes."""
+    if shape is None:
+        return None
+    last = (None,) if sh_degree is None else (None, 3)
+    expected = [(*batch, n, *last), (*batch, c, n, *last)]
+    if sh_degree is not None:
+        expected.append((n, *last))
+    for wanted in expected:
+        if len(wanted) == len(shape):
+            return wanted
+    axes = sorted({len(wanted) for wanted in expected})
+    raise ValueError(f"colors: expected {' or '.join(map(str, axes))} axes, found the shape {shape}")
+
+
+def _whole(name, value, low, high=None):
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name}: expected a whole number, found {value!r}") from None
+    if number < low or high is not None and number > high:
+        raise ValueError(f"{name}: expected {low} {'or more' if high is None else f'to {high}'}, found {number}")
+    return number
 
 
 def _one_of(name, value, values):
@@ -360,16 +459,16 @@ def _one_of(name, value, values):
 
 
 def _host(values):
-    return values.cpu().numpy() if _is_tensor(values) else values
+    return values.cpu().numpy() if is_tensor(values) else values
 
 
 def _copy(values):
-    return values.clone() if _is_tensor(values) else values.copy()
+    return values.clone() if is_tensor(values) else values.copy()
 
 
 def _equal(a, b):
-    if _is_tensor(a) != _is_tensor(b) or a.shape != b.shape or a.dtype != b.dtype:
+    if is_tensor(a) != is_tensor(b) or a.shape != b.shape or a.dtype != b.dtype:
         return False
-    if not _is_tensor(a):
+    if not is_tensor(a):
         return np.array_equal(a, b)
     return a.device == b.device and sys.modules["torch"].equal(a, b)

@@ -1,11 +1,17 @@
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from os import PathLike
-from typing import Any
+from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Preset = Literal["balanced", "exact", "fast", "preview", "inria", "gsplat", "khr", "portable"]
+Layer = Literal["color", "alpha", "depth"]
+Kind = Literal["float32", "uint8"] | type[np.float32] | type[np.uint8] | np.dtype[np.float32] | np.dtype[np.uint8]
+Size = Sequence[SupportsIndex] | NDArray[np.integer[Any]]
+
 __version__: str
+MAX_SH_DEGREE: int
 
 class Error(RuntimeError): ...
 class DeviceError(Error): ...
@@ -28,7 +34,7 @@ class Scene:
         antialiased: bool = False,
     ) -> Scene: ...
     def write(self, path: str | PathLike[str]) -> None: ...
-    def camera(self, width: int, height: int) -> Camera: ...
+    def camera(self, width: SupportsIndex, height: SupportsIndex) -> Camera: ...
     @property
     def antialiased(self) -> bool: ...
     @property
@@ -46,13 +52,15 @@ class Scene:
     @property
     def sh(self) -> NDArray[np.float32]: ...
     def __len__(self) -> int: ...
+    @staticmethod
+    def _of_features(means: Any, quats: Any, scales: Any, opacities: Any) -> Scene: ...
 
 class Camera:
     def __init__(
         self,
         *,
         K: ArrayLike,
-        size: tuple[int, int],
+        size: Size,
         viewmat: ArrayLike | None = None,
         c2w: ArrayLike | None = None,
         near: float | None = None,
@@ -60,7 +68,7 @@ class Camera:
     ) -> None: ...
     @staticmethod
     def read(path: str | PathLike[str]) -> list[Camera]: ...
-    def resized(self, size: tuple[int, int]) -> Camera: ...
+    def resized(self, size: Size) -> Camera: ...
     @property
     def near(self) -> float | None: ...
     @property
@@ -73,6 +81,10 @@ class Camera:
     def viewmat(self) -> NDArray[np.float64]: ...
     @property
     def c2w(self) -> NDArray[np.float64]: ...
+    def __eq__(self, other: object) -> bool: ...
+    def __hash__(self) -> int: ...
+    @staticmethod
+    def _as_given(K: Any, size: Size, viewmat: Any) -> Camera: ...
 
 class Picture:
     @property
@@ -98,9 +110,9 @@ class Renderer:
         self,
         scene: Scene,
         *,
-        preset: str = "balanced",
-        device: str | None = None,
-        memory: int | None = None,
+        preset: Preset = "balanced",
+        device: str | int | None = None,
+        memory: SupportsIndex | None = None,
         certified: bool = False,
         **knobs: Any,
     ) -> None: ...
@@ -108,37 +120,42 @@ class Renderer:
         self,
         camera: Camera,
         *,
-        background: tuple[float, float, float] | None = ...,
-        layers: Iterable[str] | None = None,
-        dtype: str = "float32",
+        background: ArrayLike | None = (0.0, 0.0, 0.0),
+        layers: Iterable[Layer] | None = None,
+        dtype: Kind = "float32",
     ) -> Picture: ...
     def render_many(
         self,
         cameras: Iterable[Camera],
         *,
-        background: tuple[float, float, float] | None = ...,
-        layers: Iterable[str] | None = None,
-        dtype: str = "float32",
+        background: ArrayLike | None = (0.0, 0.0, 0.0),
+        layers: Iterable[Layer] | None = None,
+        dtype: Kind = "float32",
     ) -> Iterator[Picture]: ...
     def update(self, scene: Scene) -> None: ...
     @property
     def device(self) -> str: ...
     @property
     def validation_messages(self) -> list[str]: ...
+    def _bring(self, features: Any) -> Channels: ...
+    def _show(self, channels: Channels) -> None: ...
+    def _draw_exported(self, views: list[tuple[Camera, Exported]], has_depth: bool) -> list[dict[str, float]]: ...
 
 def compare(a: Picture | ArrayLike, b: Picture | ArrayLike) -> dict[str, Any]: ...
 def reference(
     scene: Scene,
     camera: Camera,
     *,
-    preset: str = "balanced",
-    background: tuple[float, float, float] | None = ...,
+    preset: Preset = "balanced",
+    background: ArrayLike | None = (0.0, 0.0, 0.0),
     **knobs: Any,
 ) -> Picture: ...
 
 # Private.
+class Channels: ...
+
 class Exported:
     def handles(self) -> list[tuple[int, int]]: ...
 
-def device_for_cuda(device: str | None) -> tuple[str, bool]: ...
+def device_for_cuda(device: str | int | None) -> tuple[str, bool]: ...
 def main(arguments: list[str]) -> int: ...

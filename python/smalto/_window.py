@@ -8,10 +8,11 @@ import subprocess
 import sys
 import tempfile
 import threading
+from typing import Any
 
 from ._smalto import DeviceError, Error, Scene, UnreadableError
 
-_open = set()
+_open: set["Window"] = set()
 
 # Scenes that are no files.
 _MADE = ("cactus", "room", "plain", "town", "few-large", "many-small")
@@ -20,7 +21,7 @@ _MADE = ("cactus", "room", "plain", "town", "few-large", "many-small")
 class Window:
     """A window of `smalto view`, in a process of its own. It closes when Python ends, unless Python is killed."""
 
-    def __init__(self, scene, *arguments):
+    def __init__(self, scene: Scene | str | os.PathLike[str], *arguments: str | os.PathLike[str]) -> None:
         if not isinstance(scene, Scene) and str(scene).split(":")[0] not in _MADE and not os.path.exists(scene):
             raise UnreadableError(f"{os.fspath(scene)}: there is no such file")
         self._folder = tempfile.TemporaryDirectory(prefix="smalto-")
@@ -37,7 +38,7 @@ class Window:
             text=True,
             start_new_session=True,
         )
-        self._is_shown, self._said, self._events = threading.Event(), [], []
+        self._is_shown, self._said, self._events = threading.Event(), list[str](), list[Any]()
         self._readers = [threading.Thread(target=read, daemon=True) for read in (self._read_events, self._read_errors)]
         for reader in self._readers:
             reader.start()
@@ -48,7 +49,7 @@ class Window:
             said = self._said[-1].removeprefix("smalto: ") if self._said else "the window closed at once"
             raise (DeviceError if self._process.returncode == 3 else Error)(said)
 
-    def update(self, scene):
+    def update(self, scene: Scene) -> None:
         """Shows another scene, from the same view. Errors: ValueError if the window shows a file, which it follows by
         itself; smalto.Error if it is closed."""
         if self._file is None:
@@ -58,16 +59,16 @@ class Window:
         scene.write(self._file)
 
     @property
-    def is_open(self):
+    def is_open(self) -> bool:
         """False once the window is closed."""
         return self._process.poll() is None
 
-    def wait(self):
+    def wait(self) -> None:
         """Waits until the window is closed."""
         self._process.wait()
         self.close()
 
-    def close(self):
+    def close(self) -> None:
         """Closes the window."""
         if self.is_open:
             self._process.terminate()
@@ -77,13 +78,13 @@ class Window:
         self._folder.cleanup()
         _open.discard(self)
 
-    def __enter__(self):
+    def __enter__(self) -> "Window":
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Window({'open' if self.is_open else 'closed'})"
 
     def _read_events(self):
@@ -107,7 +108,7 @@ class Window:
                 self._said = [*self._said, line.rstrip()][-20:]
 
 
-def view(scene, *arguments):
+def view(scene: Scene | str | os.PathLike[str], *arguments: str | os.PathLike[str]) -> Window:
     """Opens a window that shows a scene, or the scene file of this path, and returns it. Python goes on; the window can
     be flown through meanwhile, and shows a scene that trains:
 
@@ -127,6 +128,6 @@ def view(scene, *arguments):
 
 
 @atexit.register
-def _close_all():
+def _close_all() -> None:
     for window in list(_open):
         window.close()

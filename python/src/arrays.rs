@@ -27,13 +27,19 @@ impl<T: numpy::Element> Numbers<'_, T> {
 }
 
 /// An array whose memory NumPy can show: for a tensor of PyTorch, perhaps with gradients, one on the host. From CUDA it
-/// comes through pinned memory, which PyTorch keeps for the next time.
+/// comes through pinned memory, which PyTorch keeps for the next time. NumPy has no bfloat16, so that floats of 16 bits
+/// become floats of 32.
 fn on_host<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = value.py();
     if !value.hasattr("detach")? {
         return Ok(value.clone());
     }
-    let tensor = value.call_method0("detach")?;
+    let mut tensor = value.call_method0("detach")?;
+    if tensor.call_method0("is_floating_point")?.is_truthy()?
+        && tensor.call_method0("element_size")?.extract::<u8>()? < 4
+    {
+        tensor = tensor.call_method0("float")?;
+    }
     if !tensor.getattr("is_cuda")?.is_truthy()? {
         return tensor.call_method0("cpu");
     }
@@ -54,7 +60,8 @@ pub fn numbers<'py, T: numpy::Element + Copy + Into<f64> + Sync>(
 ) -> PyResult<Numbers<'py, T>> {
     let py = value.py();
     let numpy = py.import("numpy")?;
-    let any = numpy.call_method1("asarray", (on_host(value)?,))?;
+    let any = numpy.call_method1("asarray", (on_host(value)?,));
+    let any = any.map_err(|why| PyTypeError::new_err(format!("{name}: expected numbers: {why}")))?;
     let found: String = any.getattr("dtype")?.getattr("kind")?.extract()?;
     let dtype: String = any.getattr("dtype")?.str()?.extract()?;
     if !"fiu".contains(&found) {
@@ -70,8 +77,12 @@ pub fn numbers<'py, T: numpy::Element + Copy + Into<f64> + Sync>(
         sides.len() == shape.len() && sides.iter().zip(shape).all(|(n, want)| want.is_none_or(|want| want == *n));
     if !fits {
         let wanted: Vec<String> = shape.iter().map(|n| n.map_or("N".to_owned(), |n| n.to_string())).collect();
-        let wanted = wanted.join(", ");
-        return Err(PyValueError::new_err(format!("{name}: expected the shape ({wanted}), found {sides:?}")));
+        let sides: Vec<String> = sides.iter().map(usize::to_string).collect();
+        return Err(PyValueError::new_err(format!(
+            "{name}: expected the shape {}, found {}",
+            axes(&wanted),
+            axes(&sides)
+        )));
     }
     let values = array.values();
     let is_wrong = |value: &T| !(*value).into().is_finite();
@@ -85,4 +96,10 @@ pub fn numbers<'py, T: numpy::Element + Copy + Into<f64> + Sync>(
         return Err(PyValueError::new_err(format!("{name}: the value {value} in row {} is not finite", place / row)));
     }
     Ok(array)
+}
+
+/// A shape as Python writes it.
+fn axes(sides: &[String]) -> String {
+    let comma = if sides.len() == 1 { "," } else { "" };
+    format!("({}{comma})", sides.join(", "))
 }

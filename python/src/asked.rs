@@ -1,14 +1,15 @@
-//! What is asked for in words: presets, knobs, backgrounds, layers.
+//! What is asked for in words: presets, knobs, layers.
 
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyString};
 use smalto::options::{KNOBS, Options};
 use smalto::pixels::Integers;
 use smalto::render::{Form, FrameOutputs};
 use smalto::rules::Background;
 
 use crate::camera::Camera;
+use crate::given::given;
 
 /// A preset and the knobs that were turned, before a scene's and a camera's part in the options.
 pub struct Asked {
@@ -19,13 +20,13 @@ pub struct Asked {
 
 impl Asked {
     /// Reads the name of a preset and knobs by name, with _ in the place of -.
-    pub fn of(name: &str, knobs: Option<&Bound<PyDict>>) -> PyResult<Self> {
-        Self::turned(preset(name)?, knobs)
+    pub fn of(preset: Option<&Bound<PyAny>>, knobs: Option<&Bound<PyDict>>) -> PyResult<Self> {
+        Self::turned(preset_of(preset)?, knobs)
     }
 
     /// The rules of a preset and what the knobs change, and nothing traded otherwise.
-    pub fn exact(name: &str, knobs: Option<&Bound<PyDict>>) -> PyResult<Self> {
-        Self::turned(preset(name)?.untraded(), knobs)
+    pub fn exact(preset: Option<&Bound<PyAny>>, knobs: Option<&Bound<PyDict>>) -> PyResult<Self> {
+        Self::turned(preset_of(preset)?.untraded(), knobs)
     }
 
     fn turned(options: Options, knobs: Option<&Bound<PyDict>>) -> PyResult<Self> {
@@ -63,18 +64,12 @@ impl Asked {
     }
 }
 
-fn preset(name: &str) -> PyResult<Options> {
-    let names = || Options::PRESETS.map(|(name, _)| name).join(", ");
-    Options::preset(name).ok_or_else(|| PyValueError::new_err(format!("preset: expected {}", names())))
-}
-
-/// The background that a colour, or None for a transparent one, stands for.
-pub fn ground(background: Option<[f32; 3]>) -> PyResult<Background> {
-    match background {
-        None => Ok(Background::Transparent),
-        Some(colour) if colour.iter().all(|value| value.is_finite()) => Ok(Background::Colour(colour)),
-        Some(_) => Err(PyValueError::new_err("background: expected three finite numbers, or None for transparent")),
-    }
+/// The preset of this name, by default the balanced one.
+fn preset_of(name: Option<&Bound<PyAny>>) -> PyResult<Options> {
+    let names = || format!("one of {}", Options::PRESETS.map(|(name, _)| name).join(", "));
+    let Some(given_name) = name else { return Ok(Options::BALANCED) };
+    let name: String = given(given_name, "preset", &names())?;
+    Options::preset(&name).ok_or_else(|| PyValueError::new_err(format!("preset: expected {}, found {name}", names())))
 }
 
 /// What is wanted of a view whose pixels stay on the device.
@@ -83,23 +78,43 @@ pub fn exported(has_depth: bool) -> FrameOutputs {
 }
 
 /// What is wanted of a view, from the names of its layers and of its numbers.
-pub fn wanted(layers: Option<&[String]>, dtype: &str, background: Background) -> PyResult<FrameOutputs> {
-    let picture = match dtype {
-        "float32" => vec![Form::Floats],
-        "uint8" if background == Background::Transparent => {
-            let why = "dtype uint8 needs a background: 8 bits do not hold a transparent picture";
+pub fn wanted(
+    layers: Option<&Bound<PyAny>>,
+    dtype: Option<&Bound<PyAny>>,
+    background: Background,
+) -> PyResult<FrameOutputs> {
+    let picture = match dtype.map(dtype_name).transpose()?.as_deref() {
+        None | Some("float32") => vec![Form::Floats],
+        Some("uint8") if background == Background::Transparent => {
+            let why = "dtype: uint8 needs a background, because 8 bits do not hold a transparent picture";
             return Err(PyValueError::new_err(why));
         }
-        "uint8" => vec![Form::Integers(Integers::Rgb8), Form::Integers(Integers::Grey8)],
-        _ => return Err(PyValueError::new_err(format!("dtype: expected float32 or uint8, found {dtype}"))),
+        Some("uint8") => vec![Form::Integers(Integers::Rgb8), Form::Integers(Integers::Grey8)],
+        Some(other) => return Err(PyValueError::new_err(format!("dtype: expected float32 or uint8, found {other}"))),
     };
     let mut wanted = FrameOutputs { picture, ..FrameOutputs::default() };
-    for layer in layers.unwrap_or_default() {
-        match layer.as_str() {
-            "color" | "alpha" => {}
-            "depth" => wanted.depths = true,
-            _ => return Err(PyValueError::new_err(format!("layers: expected color, alpha or depth, found {layer}"))),
+    if let Some(layers) = layers {
+        // The letters of a text are no names.
+        let names = layers.try_iter().ok().filter(|_| !layers.is_instance_of::<PyString>());
+        let names = names.ok_or_else(|| PyTypeError::new_err(format!("layers: expected {LAYERS}")))?;
+        for layer in names {
+            match given::<String>(&layer?, "layers", LAYERS)?.as_str() {
+                "color" | "alpha" => {}
+                "depth" => wanted.depths = true,
+                layer => return Err(PyValueError::new_err(format!("layers: expected {LAYERS}, found {layer}"))),
+            }
         }
     }
     Ok(wanted)
+}
+
+const LAYERS: &str = "some of (\"color\", \"alpha\", \"depth\")";
+
+/// The name of a kind of numbers: a text, or a type of NumPy.
+fn dtype_name(dtype: &Bound<PyAny>) -> PyResult<String> {
+    if dtype.is_instance_of::<PyString>() {
+        return dtype.extract();
+    }
+    let named = dtype.py().import("numpy")?.call_method1("dtype", (dtype,)).and_then(|dtype| dtype.getattr("name"));
+    named.map_or_else(|_| given(dtype, "dtype", "float32 or uint8"), |name| name.extract())
 }

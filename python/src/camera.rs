@@ -1,24 +1,29 @@
 //! Cameras.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
 
 use glam::{DMat3, DVec2, DVec3};
 use numpy::{PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
 use smalto::camera::{self, NamedCamera};
 
 use crate::arrays::numbers;
 use crate::errors::exception;
+use crate::given::{self, given, optional};
 
 /// A pinhole camera: where it is, where it looks, and the pixels of its picture. Axes are those of OpenCV and COLMAP:
 /// x right, y down, z forward. The pixel in column i and row j is sampled at (i + 0.5, j + 0.5).
 ///
 /// K is the matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, `size` is (width, height). The pose is either
-/// `viewmat`, a 4x4 matrix from world to view, or `c2w`, its inverse. Errors: ValueError where a matrix has another
-/// shape or no picture can be drawn.
-#[pyclass(module = "smalto", frozen, from_py_object)]
-#[derive(Clone)]
+/// `viewmat`, a 4x4 matrix from world to view, or `c2w`, its inverse. Its rotation R may be off by rounding: where an
+/// entry of R R^T - I is over 1e-6, it becomes the nearest rotation, and over 0.005 it is refused. `near` is the largest
+/// near plane, in world units, that shows what the camera looks at. Cameras can be compared, pickled, and be keys of
+/// dictionaries. Errors: ValueError where a matrix has another shape or form, or no picture can be drawn.
+#[pyclass(module = "smalto", frozen, eq, from_py_object)]
+#[derive(Clone, PartialEq)]
 pub struct Camera {
     pub camera: camera::Camera,
     /// The largest near plane, in world units, that shows what it looks at; None for cameras of files.
@@ -36,48 +41,89 @@ impl Camera {
     #[allow(non_snake_case)]
     fn new(
         K: &Bound<PyAny>,
-        size: [u32; 2],
+        size: &Bound<PyAny>,
         viewmat: Option<&Bound<PyAny>>,
         c2w: Option<&Bound<PyAny>>,
-        near: Option<f32>,
-        name: Option<String>,
+        near: Option<&Bound<PyAny>>,
+        name: Option<&Bound<PyAny>>,
     ) -> PyResult<Self> {
-        let k = numbers::<f64>(K, "K", "float64", &[Some(3), Some(3)])?;
-        let k = k.values();
-        let matrix = |value, name| numbers::<f64>(value, name, "float64", &[Some(4), Some(4)]);
-        let rows =
-            |m: &[f64]| DMat3::from_cols_array(&[m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]]).transpose();
-        let last = |m: &[f64]| DVec3::new(m[3], m[7], m[11]);
+        let (focal_px, centre_px) = intrinsics(K)?;
         let (rotation, position) = match (viewmat, c2w) {
             (Some(viewmat), None) => {
-                let m = matrix(viewmat, "viewmat")?;
-                let m = m.values();
-                let rotation = rows(m);
-                (rotation, -(rotation.transpose() * last(m)))
+                let (rotation, last) = rows(viewmat, "viewmat")?;
+                (rotation, -(rotation.transpose() * last))
             }
             (None, Some(c2w)) => {
-                let m = matrix(c2w, "c2w")?;
-                let m = m.values();
-                (rows(m).transpose(), last(m))
+                let (rotation, position) = rows(c2w, "c2w")?;
+                (rotation.transpose(), position)
             }
-            _ => return Err(PyValueError::new_err("a camera has one pose: give either viewmat or c2w")),
+            _ => return Err(PyValueError::new_err("viewmat, c2w: a camera has one pose, so give either of them")),
         };
-        let (focal_px, centre_px) = (DVec2::new(k[0], k[4]), DVec2::new(k[2], k[5]));
-        let camera = camera::Camera { position, rotation, focal_px, centre_px, size_px: size };
-        Ok(Self { camera: usable(camera)?, near, name })
+        let camera = camera::Camera { position, rotation, focal_px, centre_px, size_px: given::size(size)? };
+        let near = optional::<f64>(near, "near", "a number, or None")?;
+        if let Some(wrong) = near.filter(|near| !near.is_finite() || *near as f32 <= 0.0) {
+            return Err(PyValueError::new_err(format!("near: expected a distance over 0, found {wrong}")));
+        }
+        let name = optional(name, "name", "a text, or None")?;
+        Ok(Self { camera: usable(camera)?, near: near.map(|near| near as f32), name })
+    }
+
+    /// A camera of `rasterization`: its view is the product with all entries of `viewmat`, also where the upper left
+    /// 3x3 is a rotation up to some thousandths only.
+    #[staticmethod]
+    #[allow(non_snake_case)]
+    fn _as_given(K: &Bound<PyAny>, size: &Bound<PyAny>, viewmat: &Bound<PyAny>) -> PyResult<Self> {
+        // gsplat reads neither the skew of K, nor its last row, nor that of a pose.
+        let k = numbers::<f64>(K, "Ks", "float64", &[Some(3), Some(3)])?;
+        let m = numbers::<f64>(viewmat, "viewmats", "float64", &[Some(4), Some(4)])?;
+        let (k, m) = (k.values(), m.values());
+        let (rotation, last) = split(m);
+        let camera = camera::Camera {
+            position: -(rotation.inverse() * last),
+            rotation,
+            focal_px: DVec2::new(k[0], k[4]),
+            centre_px: DVec2::new(k[2], k[5]),
+            size_px: given::size(size)?,
+        };
+        let camera = camera.checked_as_given();
+        let unusable = |why| PyValueError::new_err(format!("viewmats, Ks: a camera cannot be used: {why:#}"));
+        Ok(Self { camera: camera.map_err(unusable)?, near: None, name: None })
     }
 
     /// All cameras of a file or folder: cameras.json, transforms.json, the folder of a COLMAP model.
     #[staticmethod]
-    fn read(py: Python, path: PathBuf) -> PyResult<Vec<Self>> {
+    fn read(py: Python, path: &Bound<PyAny>) -> PyResult<Vec<Self>> {
+        let path: PathBuf = given(path, "path", "a path")?;
         let file = py.detach(|| camera::read(&path)).map_err(exception)?;
         let named = |NamedCamera { name, camera }| Self { camera, near: None, name: Some(name) };
         Ok(file.cameras.into_iter().map(named).collect())
     }
 
     /// The same view in a picture of another size (width, height).
-    fn resized(&self, size: [u32; 2]) -> PyResult<Self> {
-        Ok(Self { camera: usable(self.camera.resized(size))?, ..self.clone() })
+    fn resized(&self, size: &Bound<PyAny>) -> PyResult<Self> {
+        Ok(Self { camera: usable(self.camera.resized(given::size(size)?))?, ..self.clone() })
+    }
+
+    /// The arguments that make this camera again, to the last bit.
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
+        let arguments = PyDict::new(py);
+        arguments.set_item("K", self.K(py)?)?;
+        arguments.set_item("size", self.size())?;
+        arguments.set_item("c2w", self.c2w(py)?)?;
+        arguments.set_item("near", self.near)?;
+        arguments.set_item("name", &self.name)?;
+        Ok((PyTuple::empty(py), arguments))
+    }
+
+    fn __hash__(&self) -> u64 {
+        let camera::Camera { position, rotation, focal_px, centre_px, size_px } = &self.camera;
+        let mut hasher = DefaultHasher::new();
+        let (position, focal_px, centre_px) = (position.to_array(), focal_px.to_array(), centre_px.to_array());
+        let numbers = [&position[..], &focal_px, &centre_px, &rotation.to_cols_array()];
+        // Equal numbers have equal bits, but for the sign of 0.
+        numbers.iter().copied().flatten().for_each(|number| (number + 0.0).to_bits().hash(&mut hasher));
+        (size_px, self.near.map(f32::to_bits), &self.name).hash(&mut hasher);
+        hasher.finish()
     }
 
     /// Width and height in pixels.
@@ -116,6 +162,33 @@ impl Camera {
 /// The camera, if a picture can be drawn with it.
 pub fn usable(camera: camera::Camera) -> PyResult<camera::Camera> {
     camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))
+}
+
+/// Focal lengths and principal point of a matrix of intrinsics, which has no skew.
+fn intrinsics(matrix: &Bound<PyAny>) -> PyResult<(DVec2, DVec2)> {
+    let k = numbers::<f64>(matrix, "K", "float64", &[Some(3), Some(3)])?;
+    let k = k.values();
+    if [k[1], k[3], k[6], k[7], k[8] - 1.0] != [0.0; 5] {
+        let why =
+            "K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; pictures with a skew or another scale are not drawn";
+        return Err(PyValueError::new_err(why));
+    }
+    Ok((DVec2::new(k[0], k[4]), DVec2::new(k[2], k[5])))
+}
+
+/// The upper left 3x3 and the last column of a 4x4 matrix, whose last row is 0, 0, 0, 1.
+fn rows(matrix: &Bound<PyAny>, name: &str) -> PyResult<(DMat3, DVec3)> {
+    let m = numbers::<f64>(matrix, name, "float64", &[Some(4), Some(4)])?;
+    let m = m.values();
+    if m[12..] != [0.0, 0.0, 0.0, 1.0] {
+        return Err(PyValueError::new_err(format!("{name}: the last row is {:?}, and not 0, 0, 0, 1", &m[12..])));
+    }
+    Ok(split(m))
+}
+
+fn split(m: &[f64]) -> (DMat3, DVec3) {
+    let rotation = DMat3::from_cols_array(&[m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]]).transpose();
+    (rotation, DVec3::new(m[3], m[7], m[11]))
 }
 
 fn pose(rotation: DMat3, last: DVec3) -> [f64; 16] {

@@ -4,6 +4,7 @@ mod arrays;
 mod asked;
 mod camera;
 mod errors;
+mod given;
 mod picture;
 mod process;
 mod renderer;
@@ -24,11 +25,13 @@ fn main(py: Python, arguments: Vec<String>) -> u8 {
 #[pymodule]
 fn _smalto(module: &Bound<PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("MAX_SH_DEGREE", smalto::scene::MAX_SH_DEGREE)?;
     module.add_class::<scene::Scene>()?;
     module.add_class::<camera::Camera>()?;
     module.add_class::<picture::Picture>()?;
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<renderer::Exported>()?;
+    module.add_class::<renderer::Channels>()?;
     module.add_function(wrap_pyfunction!(picture::compare, module)?)?;
     module.add_function(wrap_pyfunction!(renderer::reference, module)?)?;
     module.add_function(wrap_pyfunction!(renderer::device_for_cuda, module)?)?;

@@ -3,23 +3,27 @@
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, LazyLock, Mutex};
 
-use anyhow::{Result, ensure};
-use pyo3::exceptions::PyValueError;
+use anyhow::{Result, bail, ensure};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rayon::prelude::*;
 use smalto::cli::open_device;
 use smalto::gpu::{Device, Feature, Handle};
+use smalto::options::{Options, Storage};
 use smalto::render;
 use smalto::render::{
-    Finished, Frame, FrameOutputs, FrameQueue, GpuScene, HostFrame, QueuedFrame, SceneSource, Upload,
+    Features, Finished, Frame, FrameOutputs, FrameQueue, GpuScene, HostFrame, QueuedFrame, SceneSource, Upload,
 };
 use smalto::rules::{Background, Order, Rules};
 
-use crate::asked::{Asked, exported, ground, wanted};
+use crate::arrays::numbers;
+use crate::asked::{Asked, exported, wanted};
 use crate::camera::Camera;
 use crate::errors::exception;
+use crate::given::{Ground, given, optional};
 use crate::picture::{Content, Drawn, Picture, Spare, stage_times};
-use crate::process::{check_process, lock};
+use crate::process::{check_process, interruptible, lock};
 use crate::scene::Scene;
 
 /// Views on the GPU at a time: one is drawn while another is brought to the host.
@@ -41,11 +45,20 @@ fn open(choice: Choice) -> Result<Device> {
     Ok(device)
 }
 
+/// The number of a device or a part of its name.
+fn named_device(device: Option<&Bound<PyAny>>) -> PyResult<Option<String>> {
+    match device.map(|device| device.extract::<u32>()) {
+        Some(Ok(number)) => Ok(Some(number.to_string())),
+        _ => optional(device, "device", "the number of a device, a part of its name, or None"),
+    }
+}
+
 /// The UUID of a device, by which CUDA knows it, and whether pictures can stay there for CUDA.
 #[pyfunction]
-pub fn device_for_cuda(py: Python, device: Option<String>) -> PyResult<(String, bool)> {
+pub fn device_for_cuda(py: Python, device: Option<&Bound<PyAny>>) -> PyResult<(String, bool)> {
     check_process()?;
-    let device = py.detach(|| open((device, None))).map_err(exception)?;
+    let name = named_device(device)?;
+    let device = py.detach(|| open((name, None))).map_err(exception)?;
     let capabilities = device.capabilities();
     Ok((capabilities.uuid.clone(), capabilities.has(Feature::ExportedMemory)))
 }
@@ -59,13 +72,15 @@ pub fn device_for_cuda(py: Python, device: Option<String>) -> PyResult<(String, 
 /// picture has a certificate. Methods may be called from several threads; they draw one after another. Errors:
 /// ValueError for an unknown preset or knob, DeviceError, MemoryError.
 #[pyclass(module = "smalto", frozen)]
-pub struct Renderer(Mutex<Inner>);
+pub struct Renderer(Arc<Mutex<Inner>>);
 
 struct Inner {
     device: Device,
     asked: Asked,
     is_certified: bool,
     source: SceneSource,
+    /// Of a scene of features, the rows of its arrays that are Gaussians.
+    rows: Option<Arc<Vec<u32>>>,
     /// Made when they are needed and not there, as after an update that failed.
     scene: Option<GpuScene>,
     drawing: Option<Arc<Mutex<Drawing>>>,
@@ -89,97 +104,150 @@ struct View {
 #[pymethods]
 impl Renderer {
     #[new]
-    #[pyo3(signature = (scene, *, preset = "balanced", device = None, memory = None, certified = false, **knobs))]
+    #[pyo3(
+        signature = (scene, *, preset = None, device = None, memory = None, certified = false, **knobs),
+        text_signature = "(scene, *, preset='balanced', device=None, memory=None, certified=False, **knobs)"
+    )]
     fn new(
         py: Python,
-        scene: &Scene,
-        preset: &str,
-        device: Option<String>,
-        memory: Option<u64>,
+        scene: &Bound<PyAny>,
+        preset: Option<&Bound<PyAny>>,
+        device: Option<&Bound<PyAny>>,
+        memory: Option<&Bound<PyAny>>,
         certified: bool,
         knobs: Option<&Bound<PyDict>>,
     ) -> PyResult<Self> {
         check_process()?;
+        let scene: PyRef<Scene> = given(scene, "scene", "a Scene")?;
+        let choice = (named_device(device)?, optional::<u64>(memory, "memory", "a number of bytes, or None")?);
         let asked = Asked::of(preset, knobs)?;
         let options = asked.options(scene.source.is_antialiased);
         if let Some(why) = options.undrawable().or(options.uncertifiable().filter(|_| certified)) {
             return Err(PyValueError::new_err(why));
         }
-        let source = scene.source.clone();
-        let made = py.detach(|| {
+        let (source, rows) = (scene.source.clone(), scene.rows.clone());
+        let made = interruptible(py, move |_| {
             let mut inner = Inner {
-                device: open((device, memory))?,
+                device: open(choice)?,
                 asked,
                 is_certified: certified,
                 source,
+                rows,
                 scene: None,
                 drawing: None,
                 spare: Arc::default(),
             };
             inner.drawing(options.rules.near)?;
-            Ok(inner)
-        });
-        Ok(Self(Mutex::new(made.map_err(exception)?)))
+            anyhow::Ok(inner)
+        })?;
+        Ok(Self(Arc::new(Mutex::new(made.map_err(exception)?))))
     }
 
-    /// Draws a picture. `background` is red, green, blue, or None for a transparent one. `layers` names what the
-    /// picture is to have: color and alpha always, depth takes a second frame. With the `dtype` "uint8", color and
-    /// alpha are rounded to 8 bits on the GPU, which is faster to bring to the host. Errors: ValueError, MemoryError,
-    /// smalto.Error.
-    #[pyo3(signature = (camera, *, background = Some([0.0; 3]), layers = None, dtype = "float32"))]
+    /// Draws a picture. `background` is red, green, blue, by default black, or None for a transparent one. `layers`
+    /// names what the picture is to have: color and alpha always, depth takes a second frame. With the `dtype` "uint8",
+    /// color and alpha are rounded to 8 bits on the GPU, which is faster to bring to the host. Errors: ValueError,
+    /// MemoryError, smalto.Error.
+    #[pyo3(
+        signature = (camera, *, background = Ground::BLACK, layers = None, dtype = None),
+        text_signature = "($self, camera, *, background=(0.0, 0.0, 0.0), layers=None, dtype='float32')"
+    )]
     fn render(
         &self,
         py: Python,
-        camera: &Camera,
-        background: Option<[f32; 3]>,
-        layers: Option<Vec<String>>,
-        dtype: &str,
+        camera: &Bound<PyAny>,
+        background: Ground,
+        layers: Option<&Bound<PyAny>>,
+        dtype: Option<&Bound<PyAny>>,
     ) -> PyResult<Picture> {
         check_process()?;
-        let background = ground(background)?;
-        let wanted = wanted(layers.as_deref(), dtype, background)?;
-        let drawn = py.detach(|| {
-            let mut inner = lock(&self.0);
-            let view = inner.start(camera, background, &wanted)?;
+        let camera: Camera = given(camera, "camera", "a Camera")?;
+        let background = background.background()?;
+        let wanted = wanted(layers, dtype, background)?;
+        let inner = self.0.clone();
+        let drawn = interruptible(py, move |_| {
+            let mut inner = lock(&inner);
+            let view = inner.start(&camera, background, &wanted)?;
             inner.finish(view)
         });
-        drawn.map_err(exception)
+        drawn?.map_err(exception)
     }
 
     /// An iterator over the pictures of many cameras, in their order. The GPU draws the next ones while Python works on
-    /// one. Arguments and errors are those of `render`.
-    #[pyo3(signature = (cameras, *, background = Some([0.0; 3]), layers = None, dtype = "float32"))]
+    /// one. Arguments and errors are those of `render`. An exception of the iterator `cameras` is raised after the
+    /// pictures of the cameras before it.
+    #[pyo3(
+        signature = (cameras, *, background = Ground::BLACK, layers = None, dtype = None),
+        text_signature = "($self, cameras, *, background=(0.0, 0.0, 0.0), layers=None, dtype='float32')"
+    )]
     fn render_many(
         this: Py<Self>,
         cameras: &Bound<PyAny>,
-        background: Option<[f32; 3]>,
-        layers: Option<Vec<String>>,
-        dtype: &str,
+        background: Ground,
+        layers: Option<&Bound<PyAny>>,
+        dtype: Option<&Bound<PyAny>>,
     ) -> PyResult<Pictures> {
         check_process()?;
-        let background = ground(background)?;
-        let wanted = wanted(layers.as_deref(), dtype, background)?;
-        let cameras = cameras.try_iter()?.into_any().unbind();
-        Ok(Pictures { renderer: this, cameras, background, wanted, queue: Mutex::default() })
+        let background = background.background()?;
+        let wanted = wanted(layers, dtype, background)?;
+        let wrong = |_| PyTypeError::new_err("cameras: expected an iterable of cameras");
+        let cameras = cameras.try_iter().map_err(wrong)?.into_any().unbind();
+        Ok(Pictures {
+            renderer: this.get().0.clone(),
+            cameras,
+            background,
+            wanted,
+            queue: Arc::default(),
+            failed: Mutex::default(),
+        })
     }
 
     /// Draws another scene from now on, with the same preset and knobs: the next step of a training, say. The memory of
     /// the old one is free before the new one is brought to the device.
-    fn update(&self, py: Python, scene: &Scene) -> PyResult<()> {
+    fn update(&self, py: Python, scene: &Bound<PyAny>) -> PyResult<()> {
         check_process()?;
-        let source = scene.source.clone();
-        let updated = py.detach(|| {
-            let mut inner = lock(&self.0);
+        let scene: PyRef<Scene> = given(scene, "scene", "a Scene")?;
+        let (inner, source, rows) = (self.0.clone(), scene.source.clone(), scene.rows.clone());
+        let updated = interruptible(py, move |_| {
+            let mut inner = lock(&inner);
             let near = inner.release();
-            let before = std::mem::replace(&mut inner.source, source);
+            let before = (std::mem::replace(&mut inner.source, source), std::mem::replace(&mut inner.rows, rows));
             let made = inner.drawing(near).map(|_| ());
             if made.is_err() {
-                inner.source = before;
+                (inner.source, inner.rows) = before;
                 inner.release();
             }
             made
         });
-        updated.map_err(exception)
+        updated?.map_err(exception)
+    }
+
+    /// Brings up to three channels of features to the device, (N, D) for the N rows of the arrays of the scene.
+    fn _bring(&self, py: Python, features: &Bound<PyAny>) -> PyResult<Channels> {
+        check_process()?;
+        let features = numbers::<f32>(features, "colors", "float32", &[None, None])?;
+        let (channels, values) = (features.shape()[1], features.values());
+        let brought = py.detach(|| {
+            let mut inner = lock(&self.0);
+            let near = inner.near();
+            inner.drawing(near)?;
+            let (Some(scene), Some(rows)) = (&inner.scene, &inner.rows) else { bail!("the scene has no features") };
+            let of_row = |row: &u32| {
+                let row = &values[*row as usize * channels..][..channels];
+                std::array::from_fn(|channel| row.get(channel).copied().unwrap_or(0.0))
+            };
+            let gathered: Vec<[f32; 3]> = rows.par_iter().map(of_row).collect();
+            scene.upload_features(&inner.device, &gathered)
+        });
+        Ok(Channels(brought.map_err(exception)?))
+    }
+
+    /// Draws these features from now on.
+    fn _show(&self, channels: &Channels) {
+        let inner = &mut *lock(&self.0);
+        inner.scene = inner.scene.take().map(|scene| scene.with_features(&channels.0));
+        if let Some(drawing) = &inner.drawing {
+            lock(drawing).stream.renderer().show(&channels.0);
+        }
     }
 
     /// Draws pictures into memory that CUDA opens, one into each, without a pause between them. Returns the GPU times
@@ -191,23 +259,25 @@ impl Renderer {
         has_depth: bool,
     ) -> PyResult<Vec<Bound<'py, PyDict>>> {
         check_process()?;
-        let drawn = py.detach(|| {
-            let mut inner = lock(&self.0);
+        let inner = self.0.clone();
+        let views: Vec<_> = views.into_iter().map(|(camera, into)| (camera, into.get().0.clone())).collect();
+        let drawn = interruptible(py, move |_| {
+            let mut inner = lock(&inner);
             let wanted = exported(has_depth);
             let mut started = Vec::new();
             for (camera, into) in &views {
-                let host = std::mem::take(&mut *lock(&into.get().0));
+                let host = std::mem::take(&mut *lock(into));
                 started.push(inner.start_into(camera, Background::BLACK, &wanted, host)?);
             }
             let finished = started.into_iter().zip(&views).map(|(view, (_, into))| {
                 let Finished { mut frames, host } = lock(&view.drawing).stream.finish(view.streamed)?;
-                *lock(&into.get().0) = host;
+                *lock(into) = host;
                 ensure!(!frames.is_empty(), "a frame was drawn");
                 Ok(timings(&frames.swap_remove(0)))
             });
             finished.collect::<Result<Vec<_>>>()
         });
-        drawn.map_err(exception)?.iter().map(|times| stage_times(py, times)).collect()
+        drawn?.map_err(exception)?.iter().map(|times| stage_times(py, times)).collect()
     }
 
     /// The name of the Vulkan device.
@@ -226,15 +296,30 @@ impl Renderer {
 impl Inner {
     /// Frees the scene on the device. Returns the near plane of the last view.
     fn release(&mut self) -> f32 {
-        self.scene = None;
-        let last = self.drawing.take().map(|drawing| lock(&drawing).near);
-        last.unwrap_or_else(|| self.asked.options(self.source.is_antialiased).rules.near)
+        let near = self.near();
+        (self.scene, self.drawing) = (None, None);
+        near
+    }
+
+    /// The near plane of the last view.
+    fn near(&self) -> f32 {
+        let last = self.drawing.as_ref().map(|drawing| lock(drawing).near);
+        last.unwrap_or_else(|| self.options().rules.near)
+    }
+
+    fn options(&self) -> Options {
+        let mut options = self.asked.options(self.source.is_antialiased);
+        if self.rows.is_some() {
+            options.rules.features = true;
+            options.sh_storage = Storage::F32;
+        }
+        options
     }
 
     /// What draws the scene with this near plane.
     fn drawing(&mut self, near: f32) -> Result<&Arc<Mutex<Drawing>>> {
         if self.drawing.as_ref().is_none_or(|drawing| lock(drawing).near != near) {
-            let mut options = self.asked.options(self.source.is_antialiased);
+            let mut options = self.options();
             options.rules.near = near;
             if self.scene.is_none() {
                 self.scene = Some(self.source.upload_with(
@@ -293,13 +378,13 @@ fn timings(frame: &Frame) -> Vec<(&'static str, f64)> {
 
 /// Memory of the device that holds the pixels of one picture, and opens in CUDA.
 #[pyclass(module = "smalto", frozen)]
-pub struct Exported(Mutex<HostFrame>);
+pub struct Exported(Arc<Mutex<HostFrame>>);
 
 #[pymethods]
 impl Exported {
     #[new]
     fn new() -> Self {
-        Self(Mutex::default())
+        Self(Arc::default())
     }
 
     /// File descriptors and sizes in bytes: of color and alpha, then of the depths. They are there after the first
@@ -310,14 +395,20 @@ impl Exported {
     }
 }
 
+/// Up to three channels of features of a scene, on the device of its renderer.
+#[pyclass(module = "smalto", frozen)]
+pub struct Channels(Features);
+
 /// The pictures of many cameras.
 #[pyclass(module = "smalto", frozen)]
 pub struct Pictures {
-    renderer: Py<Renderer>,
+    renderer: Arc<Mutex<Inner>>,
     cameras: Py<PyAny>,
     background: Background,
     wanted: FrameOutputs,
-    queue: Mutex<VecDeque<View>>,
+    queue: Arc<Mutex<VecDeque<View>>>,
+    /// The exception of the iterator of cameras, until the pictures before it are taken.
+    failed: Mutex<Option<PyErr>>,
 }
 
 #[pymethods]
@@ -328,26 +419,39 @@ impl Pictures {
 
     fn __next__(&self, py: Python) -> PyResult<Option<Picture>> {
         check_process()?;
-        let is_certified = lock(&self.renderer.get().0).is_certified;
+        let is_certified = lock(&self.renderer).is_certified;
         // The certificate is that of the frame drawn last.
         let most = if is_certified { 1 } else { IN_FLIGHT };
         let mut next = Vec::new();
         let waiting = lock(&self.queue).len();
-        while waiting + next.len() < most {
-            match self.cameras.bind(py).clone().try_iter()?.next() {
-                Some(camera) => next.push(camera?.extract::<Camera>()?),
-                None => break,
+        while waiting + next.len() < most && lock(&self.failed).is_none() {
+            match self.next_camera(py) {
+                Ok(Some(camera)) => next.push(camera),
+                Ok(None) => break,
+                Err(why) => *lock(&self.failed) = Some(why),
             }
         }
-        let drawn = py.detach(|| {
-            let mut inner = lock(&self.renderer.get().0);
-            let mut queue = lock(&self.queue);
+        let (renderer, queue) = (self.renderer.clone(), self.queue.clone());
+        let (background, wanted) = (self.background, self.wanted.clone());
+        let drawn = interruptible(py, move |_| {
+            let mut inner = lock(&renderer);
+            let mut queue = lock(&queue);
             for camera in &next {
-                queue.push_back(inner.start(camera, self.background, &self.wanted)?);
+                queue.push_back(inner.start(camera, background, &wanted)?);
             }
             queue.pop_front().map(|view| inner.finish(view)).transpose()
         });
-        drawn.map_err(exception)
+        match drawn?.map_err(exception)? {
+            None => lock(&self.failed).take().map_or(Ok(None), Err),
+            picture => Ok(picture),
+        }
+    }
+}
+
+impl Pictures {
+    fn next_camera(&self, py: Python) -> PyResult<Option<Camera>> {
+        let next = self.cameras.bind(py).clone().try_iter()?.next().transpose()?;
+        next.map(|camera| given(&camera, "cameras", "cameras")).transpose()
     }
 }
 
@@ -355,21 +459,29 @@ impl Pictures {
 /// trade accuracy, `sh_degree` alone counts. Takes seconds to minutes. Arguments are those of `Renderer` and `render`.
 /// Errors: ValueError, also for scenes in page files.
 #[pyfunction]
-#[pyo3(signature = (scene, camera, *, preset = "balanced", background = Some([0.0; 3]), **knobs))]
+#[pyo3(
+    signature = (scene, camera, *, preset = None, background = Ground::BLACK, **knobs),
+    text_signature = "(scene, camera, *, preset='balanced', background=(0.0, 0.0, 0.0), **knobs)"
+)]
 pub fn reference(
     py: Python,
-    scene: &Scene,
-    camera: &Camera,
-    preset: &str,
-    background: Option<[f32; 3]>,
+    scene: &Bound<PyAny>,
+    camera: &Bound<PyAny>,
+    preset: Option<&Bound<PyAny>>,
+    background: Ground,
     knobs: Option<&Bound<PyDict>>,
 ) -> PyResult<Picture> {
     check_process()?;
+    let scene: PyRef<Scene> = given(scene, "scene", "a Scene")?;
+    let camera: Camera = given(camera, "camera", "a Camera")?;
     let asked = Asked::exact(preset, knobs)?;
-    let (background, gaussians) = (ground(background)?, scene.gaussians("reference")?);
+    let background = background.background()?;
+    scene.gaussians("reference")?;
     let options = asked.options(scene.source.is_antialiased);
-    let rules = Rules { near: asked.near(camera), ..options.rules };
-    Ok(py.detach(|| {
+    let rules = Rules { near: asked.near(&camera), ..options.rules };
+    let source = scene.source.clone();
+    interruptible(py, move |_| {
+        let gaussians = source.gaussians().expect("the scene is in memory");
         let shortened = options.sh_degree < gaussians.sh_degree();
         let shortened = shortened.then(|| gaussians.clone().of_degree(options.sh_degree));
         let gaussians = shortened.as_ref().unwrap_or(gaussians);
@@ -382,5 +494,5 @@ pub fn reference(
             timings: Vec::new(),
             visible: None,
         }
-    }))
+    })
 }

@@ -1,8 +1,8 @@
 //! `smalto.Scene`: a scene in memory or in a page file.
 
-use std::cell::Cell;
 use std::path::PathBuf;
-use std::time::Instant;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -13,15 +13,18 @@ use smalto::procedural::Procedural;
 use smalto::render::SceneSource;
 use smalto::scene::{Builder, Gaussians, MAX_SH_DEGREE, Raw, Watch, sh_coefficients};
 
-use crate::arrays::numbers;
+use crate::arrays::{Numbers, numbers};
 use crate::camera::{Camera, usable};
 use crate::errors::exception;
-use crate::process::check_process;
+use crate::given::{self, given, optional};
+use crate::process::{check_process, interruptible};
 
 /// Gaussians, in the memory of the host or in a page file.
 #[pyclass(module = "smalto", frozen)]
 pub struct Scene {
     pub source: SceneSource,
+    /// Of a scene of features, the rows of its arrays that became Gaussians; those with the opacity 0 did not.
+    pub rows: Option<Arc<Vec<u32>>>,
 }
 
 #[pymethods]
@@ -33,27 +36,30 @@ impl Scene {
     /// is not. Ctrl-C ends the reading.
     #[staticmethod]
     #[pyo3(signature = (path, *, up = None, flip = None, lod = None))]
-    fn read(py: Python, path: PathBuf, up: Option<&str>, flip: Option<&str>, lod: Option<u32>) -> PyResult<Self> {
+    fn read(
+        py: Python,
+        path: &Bound<PyAny>,
+        up: Option<&Bound<PyAny>>,
+        flip: Option<&Bound<PyAny>>,
+        lod: Option<&Bound<PyAny>>,
+    ) -> PyResult<Self> {
         check_process()?;
-        let reading = smalto::cli::reading(up, flip, lod).map_err(|why| PyValueError::new_err(format!("{why:#}")))?;
-        py.detach(|| {
+        let path: PathBuf = given(path, "path", "a path")?;
+        let up: Option<String> = optional(up, "up", "an axis, or None")?;
+        let flip: Option<String> = optional(flip, "flip", "names of axes, or None")?;
+        let lod = optional(lod, "lod", "the number of a level, or None")?;
+        let reading = smalto::cli::reading(up.as_deref(), flip.as_deref(), lod);
+        let reading = reading.map_err(|why| PyValueError::new_err(format!("{why:#}")))?;
+        interruptible(py, move |is_cancelled| {
             if let Some(made) = path.to_str().and_then(Procedural::parse) {
                 let made = made.map_err(|why| PyValueError::new_err(format!("{}: {why:#}", path.display())))?;
                 let made = reading.make(made).map_err(exception)?;
-                return Ok(Self { source: SceneSource::of_scene(made, &path.display().to_string()) });
+                return Ok(Self::of(SceneSource::of_scene(made, &path.display().to_string())));
             }
-            let (asked, pressed) = (Cell::new(Instant::now()), Cell::new(false));
-            // A question to Python takes its lock, so it is asked every 50 ms at most.
-            let is_cancelled = || {
-                if asked.get().elapsed().as_millis() > 50 && !pressed.get() {
-                    asked.set(Instant::now());
-                    pressed.set(Python::attach(|py| py.check_signals()).is_err());
-                }
-                pressed.get()
-            };
+            let is_cancelled = || is_cancelled.load(Ordering::Relaxed);
             let watch = Watch { is_cancelled: &is_cancelled, ..Watch::NONE };
-            Ok(Self { source: SceneSource::open_watched(path, &reading, &watch).map_err(exception)? })
-        })
+            Ok(Self::of(SceneSource::open_watched(path, &reading, &watch).map_err(exception)?))
+        })?
     }
 
     /// A scene of N Gaussians: means (N, 3) in world units, quats (N, 4) as w, x, y, z of any length but 0, scales
@@ -72,33 +78,31 @@ impl Scene {
         antialiased: bool,
     ) -> PyResult<Self> {
         check_process()?;
-        let means = numbers::<f32>(means, "means", "float32", &[None, Some(3)])?;
-        let count = Some(means.shape()[0]);
-        let quats = numbers::<f32>(quats, "quats", "float32", &[count, Some(4)])?;
-        let scales = numbers::<f32>(scales, "scales", "float32", &[count, Some(3)])?;
-        let opacities = numbers::<f32>(opacities, "opacities", "float32", &[count])?;
-        let sh = numbers::<f32>(sh, "sh", "float32", &[count, None, Some(3)])?;
-        let coefficients = sh.shape()[1];
-        let degree = (0..=MAX_SH_DEGREE).find(|degree| sh_coefficients(*degree) == coefficients);
-        let degree = degree.ok_or_else(|| {
-            PyValueError::new_err(format!("sh: expected 1, 4, 9, 16 or 25 coefficients, found {coefficients}"))
-        })?;
-        let arrays = Arrays {
-            means: means.values(),
-            quats: quats.values(),
-            scales: scales.values(),
-            opacities: opacities.values(),
-            sh: sh.values(),
-            degree,
-        };
-        py.detach(|| arrays.scene(antialiased))
+        let arrays = Arrays::of([means, quats, scales, opacities], Some(sh))?;
+        let values = arrays.view();
+        py.detach(|| values.scene(antialiased))
+    }
+
+    /// A scene whose Gaussians have features in the place of colours. `Renderer._bring` brings them to the device.
+    #[staticmethod]
+    fn _of_features(
+        py: Python,
+        means: &Bound<PyAny>,
+        quats: &Bound<PyAny>,
+        scales: &Bound<PyAny>,
+        opacities: &Bound<PyAny>,
+    ) -> PyResult<Self> {
+        check_process()?;
+        let arrays = Arrays::of([means, quats, scales, opacities], None)?;
+        let values = arrays.view();
+        py.detach(|| values.scene_of_features())
     }
 
     /// Writes the scene as .ply, .compressed.ply, .spz, .splat, .sog or .glb, and reads it back before it replaces what
-    /// is there. Only .ply and .spz keep SH degree 4; .splat keeps degree 0 alone. Errors: ValueError for another ending
-    /// or a scene in a page file, smalto.Error if it cannot be written.
-    fn write(&self, py: Python, path: PathBuf) -> PyResult<()> {
+    /// is there. Errors: ValueError for another ending or a scene in a page file, smalto.Error if it cannot be written.
+    fn write(&self, py: Python, path: &Bound<PyAny>) -> PyResult<()> {
         check_process()?;
+        let path: PathBuf = given(path, "path", "a path")?;
         let kind = SceneFile::of(&path).map_err(|why| PyValueError::new_err(format!("{why:#}")))?;
         let gaussians = self.gaussians("write")?;
         py.detach(|| {
@@ -109,8 +113,10 @@ impl Scene {
     }
 
     /// The camera of `smalto render` where none is given: it shows the whole scene.
-    fn camera(&self, py: Python, width: u32, height: u32) -> PyResult<Camera> {
+    fn camera(&self, py: Python, width: &Bound<PyAny>, height: &Bound<PyAny>) -> PyResult<Camera> {
         check_process()?;
+        let side = |value, name| given::side(given(value, name, "a whole number of pixels")?, name);
+        let (width, height) = (side(width, "width")?, side(height, "height")?);
         let focus = py.detach(|| self.source.focus());
         let camera = usable(camera::Camera::framing(focus.centre.into(), focus.radius, [width, height]))?;
         let near = Some(camera.framed_near(focus.centre.into()));
@@ -176,6 +182,10 @@ impl Scene {
 }
 
 impl Scene {
+    fn of(source: SceneSource) -> Self {
+        Self { source, rows: None }
+    }
+
     /// The Gaussians in memory. `user` names the method that needs them.
     pub fn gaussians(&self, user: &str) -> PyResult<&Gaussians> {
         let missing = || PyValueError::new_err(format!("{user}: the Gaussians of a page file are not in memory"));
@@ -183,8 +193,44 @@ impl Scene {
     }
 }
 
-/// The arrays of a scene.
-struct Arrays<'a> {
+/// The arrays of a scene, as Python gave them.
+struct Arrays<'py> {
+    geometry: [Numbers<'py, f32>; 4],
+    sh: Option<Numbers<'py, f32>>,
+    degree: u32,
+}
+
+impl<'py> Arrays<'py> {
+    fn of(
+        [means, quats, scales, opacities]: [&Bound<'py, PyAny>; 4],
+        sh: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Self> {
+        let means = numbers::<f32>(means, "means", "float32", &[None, Some(3)])?;
+        let count = Some(means.shape()[0]);
+        let quats = numbers::<f32>(quats, "quats", "float32", &[count, Some(4)])?;
+        let scales = numbers::<f32>(scales, "scales", "float32", &[count, Some(3)])?;
+        let opacities = numbers::<f32>(opacities, "opacities", "float32", &[count])?;
+        let sh = sh.map(|sh| numbers::<f32>(sh, "sh", "float32", &[count, None, Some(3)])).transpose()?;
+        let coefficients = sh.as_ref().map_or(1, |sh| sh.shape()[1]);
+        let degree = (0..=MAX_SH_DEGREE).find(|degree| sh_coefficients(*degree) == coefficients);
+        let degree = degree.ok_or_else(|| {
+            let known: Vec<String> = (0..=MAX_SH_DEGREE).map(|degree| sh_coefficients(degree).to_string()).collect();
+            let (last, others) = known.split_last().expect("there is a degree 0");
+            let expected = format!("{} or {last}", others.join(", "));
+            PyValueError::new_err(format!("sh: expected {expected} coefficients, found {coefficients}"))
+        })?;
+        Ok(Self { geometry: [means, quats, scales, opacities], sh, degree })
+    }
+
+    fn view(&self) -> Values<'_> {
+        let [means, quats, scales, opacities] = self.geometry.each_ref().map(Numbers::values);
+        let sh = self.sh.as_ref().map_or(&[][..], Numbers::values);
+        Values { means, quats, scales, opacities, sh, degree: self.degree }
+    }
+}
+
+/// The values of the arrays of a scene.
+struct Values<'a> {
     means: &'a [f32],
     quats: &'a [f32],
     scales: &'a [f32],
@@ -193,8 +239,27 @@ struct Arrays<'a> {
     degree: u32,
 }
 
-impl Arrays<'_> {
+impl Values<'_> {
     fn scene(self, is_antialiased: bool) -> PyResult<Scene> {
+        let stride = 3 * sh_coefficients(self.degree);
+        let gaussians = self.gaussians(|i, sh| sh.copy_from_slice(&self.sh[i * stride..][..stride]))?;
+        Ok(Scene::of(SceneSource { is_antialiased, ..SceneSource::of(gaussians) }))
+    }
+
+    /// The colours of the scene are the vectors of its rotations until it gets features: numbers of the size 1, by which
+    /// the two paths of the renderer can be compared, while features may be of any size.
+    fn scene_of_features(self) -> PyResult<Scene> {
+        let gaussians = self.gaussians(|i, sh| {
+            let quat = &self.quats[4 * i..][..4];
+            let length = quat.iter().map(|v| v * v).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
+            sh.iter_mut().zip(&quat[1..]).for_each(|(to, v)| *to = (v / length).clamp(-1.0, 1.0));
+        })?;
+        let rows = (0..).zip(self.opacities).filter(|(_, opacity)| **opacity > 0.0).map(|(row, _)| row);
+        let rows = Some(Arc::new(rows.collect()));
+        Ok(Scene { rows, ..Scene::of(SceneSource::of(gaussians)) })
+    }
+
+    fn gaussians(&self, look: impl Fn(usize, &mut [f32]) + Sync) -> PyResult<Gaussians> {
         let wrong = |what: &str, row: usize| Err(PyValueError::new_err(format!("{what} in row {row}")));
         if let Some(place) = self.scales.iter().position(|scale| *scale < 0.0) {
             return wrong("scales: a standard deviation is negative", place / 3);
@@ -205,11 +270,11 @@ impl Arrays<'_> {
         if let Some(row) = self.quats.chunks_exact(4).position(|quat| quat == [0.0; 4]) {
             return wrong("quats: the length is 0", row);
         }
-        let (count, stride) = (self.opacities.len(), 3 * sh_coefficients(self.degree));
+        let count = self.opacities.len();
         let mut builder = Builder::new(self.degree, count).map_err(|why| exception(why.into()))?;
         let wide = |values: &[f32], i: usize| -> [f64; 3] { std::array::from_fn(|k| f64::from(values[3 * i + k])) };
         builder.extend(count, |i, sh| {
-            sh.as_flattened_mut().copy_from_slice(&self.sh[i * stride..][..stride]);
+            look(i, sh.as_flattened_mut());
             let opacity = f64::from(self.opacities[i]);
             Raw {
                 mean: wide(self.means, i),
@@ -223,7 +288,7 @@ impl Arrays<'_> {
         if unusable > 0 {
             return Err(PyValueError::new_err(format!("{unusable} Gaussians have values too large to be drawn")));
         }
-        Ok(Scene { source: SceneSource { is_antialiased, ..SceneSource::of(gaussians) } })
+        Ok(gaussians)
     }
 }
 

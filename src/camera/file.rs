@@ -89,7 +89,19 @@ impl Camera {
     ///
     /// # Errors
     /// If it cannot be drawn with.
-    pub fn checked(mut self) -> Result<Self> {
+    pub fn checked(self) -> Result<Self> {
+        let mut checked = self.checked_as_given()?;
+        if skew(&checked.rotation) > EXACT_SKEW {
+            checked.rotation = nearest_rotation(checked.rotation);
+        }
+        Ok(checked)
+    }
+
+    /// As [`Camera::checked`], but a slightly skewed rotation stays as it is.
+    ///
+    /// # Errors
+    /// As for [`Camera::checked`].
+    pub fn checked_as_given(self) -> Result<Self> {
         let Self { position, rotation, focal_px, centre_px, size_px } = &self;
         ensure!(
             size_px.iter().all(|side| (1..=MAX_SIDE).contains(side)),
@@ -119,9 +131,6 @@ impl Camera {
             "its rotation is not a rotation matrix: R R^T differs from the identity by {skew:.2e}, over {LARGEST_SKEW}"
         );
         ensure!(rotation.determinant() > 0.0, "its rotation is not a rotation matrix: it is a reflection");
-        if skew > EXACT_SKEW {
-            self.rotation = nearest_rotation(self.rotation);
-        }
         Ok(self)
     }
 }

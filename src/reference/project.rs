@@ -17,7 +17,7 @@ pub struct Splat {
     pub conic: DMat2,
     /// After the compensation for the low-pass, if the rules ask for it.
     pub opacity: f64,
-    /// Red, green, blue from this direction, at least 0.
+    /// Red, green, blue from this direction, at least 0; features of any sign if the rules say so.
     pub colour: DVec3,
     /// View z, world units.
     pub depth: f64,
@@ -73,9 +73,12 @@ pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera, rules: &Rules) -
         .sh(index)
         .iter()
         .zip(basis)
-        .fold(DVec3::splat(0.5), |sum, (coefficient, value)| sum + value * DVec3::from(coefficient.map(f64::from)));
+        .fold(DVec3::splat(if rules.features { 0.0 } else { 0.5 }), |sum, (coefficient, value)| {
+            sum + value * DVec3::from(coefficient.map(f64::from))
+        });
     let compensation = if rules.antialiased { (sharp / determinant).max(COMPENSATION_MIN.powi(2)).sqrt() } else { 1.0 };
     let opacity = f64::from(gaussians.opacities()[index]) * compensation;
     let distance_world = (mean_world - camera.position).length();
-    Splat { mean_px, covariance, conic, opacity, colour: sum.max(DVec3::ZERO), depth: mean_view.z, distance_world }
+    let colour = if rules.features { sum } else { sum.max(DVec3::ZERO) };
+    Splat { mean_px, covariance, conic, opacity, colour, depth: mean_view.z, distance_world }
 }

@@ -26,6 +26,7 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
         has_clamped_alphas: layout.has_clamped_alphas,
         by_distance: rules.order == Order::Distance,
         antialiased: rules.antialiased,
+        features: rules.features,
         extent: footprint_code(rules.extent),
         alpha_min: rules.alpha_min,
         alpha_max: rules.alpha_max,

@@ -89,7 +89,7 @@ pub use recorded::{Recorded, Started};
 pub use renderer::Renderer;
 #[doc(hidden)]
 pub use scene::Content;
-pub use scene::{GpuScene, NoLevels, PagesRead, SceneSource, Upload};
+pub use scene::{Features, GpuScene, NoLevels, PagesRead, SceneSource, Upload};
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;

@@ -50,6 +50,7 @@ fn rules() -> Vec<(&'static str, Rules)> {
         ("cap 0.9", Rules { alpha_max: 0.9, ..trained }),
         ("stop at 0.05", Rules { transmittance_min: 0.05, ..trained }),
         ("antialiased", Rules { antialiased: true, ..trained }),
+        ("features", Rules { features: true, ..trained }),
         ("near 0.05", Rules { near: 0.05, ..trained }),
         ("near 2", Rules { near: 2.0, ..trained }),
         ("inria", Rules::INRIA),

@@ -23,7 +23,7 @@ use crate::render::path::{Limits, Path};
 use crate::render::path_choice::PathChoice;
 use crate::render::readback::read_pixels;
 use crate::render::recorded::{Counted, Frame, Recorded, Started};
-use crate::render::scene::GpuScene;
+use crate::render::scene::{Features, GpuScene};
 use crate::render::self_test::choose;
 use crate::render::shaders::{Room, Totals};
 use crate::render::upscale::Upscaler;
@@ -104,6 +104,11 @@ impl Renderer {
     /// The path of the frame recorded last.
     pub fn path(&self) -> Path {
         self.drawn.path
+    }
+
+    /// Draws these features of the scene from now on, in the place of its colours or of other features.
+    pub fn show(&mut self, features: &Features) {
+        self.scene = self.scene.with_features(features);
     }
 
     /// The reason why the fast path is not taken although device and options allow it, or why the scene is stored in

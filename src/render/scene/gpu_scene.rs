@@ -73,7 +73,7 @@ pub(crate) struct Paged {
 /// The most scene instances, whose numbers the draw list of pages has bits for.
 const MAX_INSTANCES: usize = 1 << WEIGHT_SHIFT;
 /// The number of Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
-const UPLOAD_CHUNK: usize = 1 << 17;
+pub(super) const UPLOAD_CHUNK: usize = 1 << 17;
 /// The number of Gaussians that a thread packs at a time: a multiple of the number that shares an element.
 const PACKED_CHUNK: usize = 1 << 11;
 

@@ -1,0 +1,53 @@
+"""Ctrl-C ends a call that works for long."""
+
+import subprocess
+import sys
+
+import pytest
+
+CALLS = {
+    "render": "renderer.render(scene.camera(3000, 3000))",
+    "render_many": "list(renderer.render_many([scene.camera(3000, 3000)] * 100))",
+    "reference": "smalto.reference(scene, scene.camera(3000, 3000))",
+    "read": "smalto.Scene.read('town:4000000')",
+    "Renderer": "smalto.Renderer(smalto.Scene.read('few-large:1000000')).render(scene.camera(3000, 3000))",
+}
+
+# Work has a thread of its own, by which the program knows that the call has begun.
+PROGRAM = """
+import os, signal, threading, time
+import smalto
+
+scene = smalto.Scene.read("few-large:20000")
+renderer = smalto.Renderer(scene)
+
+def names():
+    for task in os.listdir("/proc/self/task"):
+        try:
+            with open(f"/proc/self/task/{task}/comm") as name:
+                yield name.read().strip()
+        except OSError:
+            pass
+
+def interrupt():
+    while "smalto-call" not in names():
+        time.sleep(0.001)
+    os.kill(os.getpid(), signal.SIGINT)
+
+threading.Thread(target=interrupt, daemon=True).start()
+try:
+    CALL
+    print("finished", flush=True)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+# What goes on in the background must not keep the test.
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are read from /proc")
+@pytest.mark.parametrize("call", CALLS)
+def test_an_interrupt_ends_a_call(call):
+    program = PROGRAM.replace("CALL", CALLS[call])
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300)
+    assert ended.stdout == "interrupted\n", ended.stderr
