@@ -103,7 +103,7 @@ class Frames:
             views = [(camera, frame.exported) for camera, frame in zip(some, self._frames)]
             try:
                 drawn = renderer._draw_exported(views, self._has_depth)
-            except Exception:
+            except BaseException:
                 # Memory of a picture that was not finished is gone, though PyTorch would still show it.
                 self._frames = []
                 raise

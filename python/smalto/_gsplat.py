@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from ._cuda import Frames, is_same_device
-from ._meta import Meta, is_tensor, projector
+from ._meta import Meta, is_tensor, of_covariances, projected, projector
 from ._smalto import MAX_SH_DEGREE, Camera, Error, Renderer, Scene
 
 # An array of NumPy or a tensor of PyTorch.
@@ -133,7 +133,7 @@ def rasterization(
     distributed: bool = False,
     camera_model: Literal["pinhole"] = "pinhole",
     segmented: bool = False,
-    covars: None = None,
+    covars: Any = None,
     with_ut: bool = False,
     with_eval3d: bool = False,
     return_normals: bool = False,
@@ -170,10 +170,12 @@ def rasterization(
     rasterize_mode: classic or antialiased. `near_plane` and `far_plane` are view depths in world units.
     device: the Vulkan device, as for `Renderer`.
 
+    radius_clip: splats whose radii are not larger, in pixels, are left out. covars (..., N, 3, 3): in the place of
+        `quats` and `scales`.
+
     packed and tile_size are those of `meta`. sparse_grad, absgrad, channel_chunk, segmented and ut_params change no
-    picture and are ignored. What is not drawn is refused by name: radius_clip, another eps2d, other camera models,
-    distances along rays (d, Ed, RGB-d, RGB-Ed), covars, distortion, rolling shutter, normals, signals beside the
-    colors, several ranks.
+    picture and are ignored. What is not drawn is refused by name: another eps2d, other camera models, distances along
+    rays (d, Ed, RGB-d, RGB-Ed), distortion, rolling shutter, normals, signals beside the colors, several ranks.
 
     Returns colors (..., C, height, width, X) and alphas (..., C, height, width, 1) in float32, and a mapping `meta`
     with gsplat's keys, whose values are computed when they are read: `help(type(meta))`. The scene of the last call
@@ -181,11 +183,9 @@ def rasterization(
     Errors: TypeError, ValueError, and smalto.Error where a gradient is expected.
     """
     refused = {
-        "radius_clip": radius_clip > 0,
         "eps2d": not math.isclose(eps2d, 0.3),
         "distributed": bool(distributed),
         "camera_model": camera_model != "pinhole",
-        "covars": covars is not None,
         "with_ut": bool(with_ut),
         "with_eval3d": bool(with_eval3d),
         "return_normals": bool(return_normals),
@@ -220,6 +220,8 @@ def rasterization(
         raise TypeError(f"colors: render_mode {render_mode} needs them")
     if not has_color:
         colors, backgrounds, sh_degree = None, None, None
+    if covars is not None:
+        quats, scales = None, None
 
     arrays = {
         "means": means,
@@ -230,9 +232,12 @@ def rasterization(
         "viewmats": viewmats,
         "Ks": Ks,
         "backgrounds": backgrounds,
+        "covars": covars,
     }
     result, arrays = _checked_kind({name: values for name, values in arrays.items() if values is not None})
     batch = _checked_shapes(arrays, sh_degree)
+    if covars is not None:
+        arrays["quats"], arrays["scales"] = of_covariances(arrays.pop("covars"))
     count, cameras = math.prod(batch), arrays["viewmats"].shape[-3]
     # Spherical harmonics without the axes of a batch are those of all scenes.
     shared = {"colors"} if sh_degree is not None and len(batch) > 0 and arrays["colors"].ndim == 3 else set()
@@ -252,7 +257,7 @@ def rasterization(
         canvas = _canvas(options, arrays["means"], shapes)
         for b in range(count):
             one = {name: values[b] for name, values in scenes.items()}
-            _draw(one, options, size, sh_degree, far_plane, depth_mode, (canvas, b, timings))
+            _draw(one, options, size, sh_degree, (near_plane, far_plane, radius_clip), depth_mode, (canvas, b, timings))
     colors, alphas = canvas.colors, canvas.alphas
     if backgrounds is not None:
         ground = scenes["backgrounds"] if isinstance(canvas, _Device) else _host(scenes["backgrounds"])
@@ -267,7 +272,7 @@ def rasterization(
         "n_cameras": cameras,
         "timings": timings,
     }
-    project = projector(scenes, batch, size, (near_plane, far_plane), eps2d, rasterize_mode == "antialiased")
+    project = projector(scenes, batch, size, (near_plane, far_plane), radius_clip, rasterize_mode == "antialiased")
     meta = Meta(known, project, bool(packed))
     return result(colors.reshape(*batch, *colors.shape[1:])), result(alphas.reshape(*batch, *alphas.shape[1:])), meta
 
@@ -279,22 +284,25 @@ def release() -> None:
         _kept = None
 
 
-def _draw(one, options, size, sh_degree, far_plane, depth_mode, into):
+def _draw(one, options, size, sh_degree, limits, depth_mode, into):
     """Draws the views of one scene: a picture for every three channels, and one more scene for every camera that leaves
-    out what lies beyond the far plane or has its own spherical harmonics."""
+    out what lies beyond the far plane or is too small, or has its own spherical harmonics."""
     canvas, b, timings = into
     drawn, alphas = canvas.colors[b], canvas.alphas[b]
     poses, intrinsics = _host(one["viewmats"]), _host(one["Ks"])
     views = [Camera._as_given(K, size, pose) for K, pose in zip(intrinsics, poses)]
     colors = one.get("colors")
     has_own_colors = colors is not None and colors.ndim == (3 if sh_degree is None else 4)
-    is_cut = _farthest(one["means"], poses) > far_plane
+    (near_plane, far_plane, radius_clip), is_antialiased = limits, options[2]
+    is_cut = _farthest(one["means"], poses) > far_plane or radius_clip > 0
     apart = [[c] for c in range(len(views))] if has_own_colors or is_cut else [list(range(len(views)))]
     for some in apart:
         look = colors[some[0]] if has_own_colors else colors
         geometry = [one[name] for name in ("means", "quats", "scales", "opacities")]
         if is_cut:
-            rows = _before(geometry[0], poses[some[0]], far_plane)
+            view = (one["viewmats"][some[0]], one["Ks"][some[0]])
+            seen = projected(geometry, *view, size, (near_plane, far_plane), radius_clip, is_antialiased)
+            rows = np.flatnonzero(_host(seen["radii"]).any(-1))
             geometry, look = [_rows(values, rows) for values in geometry], None if look is None else _rows(look, rows)
         sh = None if sh_degree is None else look[:, : (sh_degree + 1) ** 2]
         kept = _keeping(options, geometry, sh)
@@ -341,11 +349,6 @@ def _keeping(options, geometry, sh):
         kept.update(geometry, sh)
     _kept = kept
     return kept
-
-
-def _before(means, pose, far_plane):
-    """The rows of Gaussians that do not lie beyond the far plane."""
-    return np.flatnonzero(_host(means).astype(np.float64) @ pose[2, :3] + pose[2, 3] <= far_plane)
 
 
 def _rows(values, rows):
@@ -411,6 +414,7 @@ def _checked_shapes(arrays, sh_degree):
         "quats": (n, 4),
         "scales": (n, 3),
         "opacities": (n,),
+        "covars": (n, 3, 3),
         "viewmats": (c, 4, 4),
         "Ks": (c, 3, 3),
         "backgrounds": (c, 3 if sh_degree is not None else shapes.get("colors", (0,))[-1]),

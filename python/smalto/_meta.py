@@ -9,6 +9,8 @@ import numpy as np
 
 # Standard deviations from the mean to the border of a splat with the opacity 1, and the least alpha (gsplat).
 _EXTENT, _ALPHA_MIN = 3.33, 1 / 255
+# px^2, gsplat's default for `eps2d`.
+_LOW_PASS = 0.3
 # Smallest factor of an opacity that compensates for the low-pass (gsplat).
 _COMPENSATION_MIN = 0.005
 
@@ -78,15 +80,17 @@ class Meta(MutableMapping[str, Any]):
         return {name: _like(like, values) for name, values in found.items()}
 
 
-def projector(scenes, batch, size, planes, eps2d, antialiased):
+def projector(scenes, batch, size, planes, radius_clip, antialiased):
     """What makes the projections: of batched arrays, for images of this size, with near and far plane."""
+
+    rules = (radius_clip, antialiased)
 
     def project(packed):
         means, quats, scales, opacities, viewmats, Ks = (
             scenes[name] for name in ("means", "quats", "scales", "opacities", "viewmats", "Ks")
         )
         parts = [
-            projected((means[b], quats[b], scales[b], opacities[b]), viewmats[b, c], Ks[b, c], size, planes, eps2d, antialiased)
+            projected((means[b], quats[b], scales[b], opacities[b]), viewmats[b, c], Ks[b, c], size, planes, *rules)
             for b in range(len(means))
             for c in range(viewmats.shape[1])
         ]
@@ -106,7 +110,7 @@ def projector(scenes, batch, size, planes, eps2d, antialiased):
 _ROWS = {"radii": (2,), "means2d": (2,), "depths": (), "conics": (3,), "opacities": ()}
 
 
-def projected(gaussians, pose, K, size, planes, eps2d=0.3, antialiased=False):
+def projected(gaussians, pose, K, size, planes, radius_clip, antialiased):
     """The splats of a scene in a picture, by the rules of gsplat (ProjectionEWA3DGSFused.cu): arrays by name."""
     xp = _module(gaussians[0])
     means, quats, scales, opacities, pose = (_double(values) for values in (*gaussians, pose))
@@ -128,16 +132,17 @@ def projected(gaussians, pose, K, size, planes, eps2d=0.3, antialiased=False):
     a, b, c = (v0 * v0).sum(-1), (v0 * v1).sum(-1), (v1 * v1).sum(-1)
     # The determinant as a sum of squares (Cauchy-Binet), without cancellation.
     sharp = sum((v0[:, i] * v1[:, j] - v0[:, j] * v1[:, i]) ** 2 for i, j in ((0, 1), (1, 2), (2, 0)))
-    determinant = sharp + eps2d * (a + c) + eps2d * eps2d
+    determinant = sharp + _LOW_PASS * (a + c) + _LOW_PASS**2
     if antialiased:
         opacities = opacities * xp.sqrt(xp.clip(sharp / determinant, _COMPENSATION_MIN**2, 1.0))
-    a, c = a + eps2d, c + eps2d
+    a, c = a + _LOW_PASS, c + _LOW_PASS
     is_drawn = is_drawn & (opacities >= _ALPHA_MIN)
     extent = xp.sqrt(2 * xp.log(xp.clip(opacities / _ALPHA_MIN, 1.0, math.inf)))
     extent = xp.clip(extent, 0.0, _EXTENT)
     rx, ry = xp.ceil(extent * xp.sqrt(a)), xp.ceil(extent * xp.sqrt(c))
     px, py = fx * x / z_or_1 + cx, fy * y / z_or_1 + cy
-    is_drawn = is_drawn & (px + rx > 0) & (px - rx < width) & (py + ry > 0) & (py - ry < height) & ((rx > 0) | (ry > 0))
+    is_drawn = is_drawn & (px + rx > 0) & (px - rx < width) & (py + ry > 0) & (py - ry < height)
+    is_drawn = is_drawn & ((rx > radius_clip) | (ry > radius_clip))
     rows = {
         "radii": xp.stack([rx, ry], -1),
         "means2d": xp.stack([px, py], -1),
@@ -156,6 +161,26 @@ def _masked(xp, name, values, is_drawn):
         values = xp.clip(values, 0.0, 2.0**31 - 256)
         return values.astype(np.int32) if xp is np else values.int()
     return values.astype(np.float32) if xp is np else values.float()
+
+
+def of_covariances(covars):
+    """Quaternions and scales of covariances (..., 3, 3): their eigenvectors, and the roots of their eigenvalues."""
+    xp = _module(covars)
+    covars = _double(covars)
+    squares, axes = xp.linalg.eigh(covars)
+    # A reflection becomes a rotation; the ellipsoid is the same.
+    axes = axes * xp.sign(xp.linalg.det(axes))[..., None, None]
+    (a, b, c), (d, e, f), (g, h, i) = (tuple(axes[..., row, column] for column in range(3)) for row in range(3))
+    # Four times the products of the largest component with each, of which one is at least 1 (Shepperd 1978).
+    products = xp.stack([
+        xp.stack([1 + a + e + i, h - f, c - g, d - b], -1), xp.stack([h - f, 1 + a - e - i, b + d, c + g], -1),
+        xp.stack([c - g, b + d, 1 - a + e - i, f + h], -1), xp.stack([d - b, c + g, f + h, 1 - a - e + i], -1),
+    ], -2)  # fmt: skip
+    traces = xp.stack([products[..., k, k] for k in range(4)], -1)
+    largest = traces.argmax(-1)
+    quats = sum(products[..., k, :] * (largest == k)[..., None] for k in range(4))
+    lengths = xp.sqrt((quats * quats).sum(-1))[..., None]
+    return quats / lengths, xp.sqrt(xp.clip(squares, 0.0, math.inf))
 
 
 def _rotations(xp, quats):

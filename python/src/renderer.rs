@@ -1,6 +1,7 @@
 //! Renderers: a scene on a device, drawn from cameras.
 
 use std::collections::{HashMap, VecDeque};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock, Mutex};
 
 use anyhow::{Result, bail, ensure};
@@ -20,7 +21,7 @@ use smalto::rules::{Background, Order, Rules};
 use crate::arrays::numbers;
 use crate::asked::{Asked, exported, wanted};
 use crate::camera::Camera;
-use crate::errors::exception;
+use crate::errors::{Error, exception};
 use crate::given::{Ground, given, optional};
 use crate::picture::{Content, Drawn, Picture, Spare, stage_times};
 use crate::process::{check_process, interruptible, lock};
@@ -72,7 +73,12 @@ pub fn device_for_cuda(py: Python, device: Option<&Bound<PyAny>>) -> PyResult<(S
 /// picture has a certificate. Methods may be called from several threads; they draw one after another. Errors:
 /// ValueError for an unknown preset or knob, DeviceError, MemoryError.
 #[pyclass(module = "smalto", frozen)]
-pub struct Renderer(Arc<Mutex<Inner>>);
+pub struct Renderer {
+    inner: Arc<Mutex<Inner>>,
+    /// What is asked for while work holds the lock.
+    device: Device,
+    is_certified: bool,
+}
 
 struct Inner {
     device: Device,
@@ -140,7 +146,9 @@ impl Renderer {
             inner.drawing(options.rules.near)?;
             anyhow::Ok(inner)
         })?;
-        Ok(Self(Arc::new(Mutex::new(made.map_err(exception)?))))
+        let inner = made.map_err(exception)?;
+        let device = inner.device.clone();
+        Ok(Self { inner: Arc::new(Mutex::new(inner)), device, is_certified: certified })
     }
 
     /// Draws a picture. `background` is red, green, blue, by default black, or None for a transparent one. `layers`
@@ -163,7 +171,7 @@ impl Renderer {
         let camera: Camera = given(camera, "camera", "a Camera")?;
         let background = background.background()?;
         let wanted = wanted(layers, dtype, background)?;
-        let inner = self.0.clone();
+        let inner = self.inner.clone();
         let drawn = interruptible(py, move |_| {
             let mut inner = lock(&inner);
             let view = inner.start(&camera, background, &wanted)?;
@@ -192,12 +200,14 @@ impl Renderer {
         let wrong = |_| PyTypeError::new_err("cameras: expected an iterable of cameras");
         let cameras = cameras.try_iter().map_err(wrong)?.into_any().unbind();
         Ok(Pictures {
-            renderer: this.get().0.clone(),
+            renderer: this.get().inner.clone(),
+            is_certified: this.get().is_certified,
             cameras,
             background,
             wanted,
             queue: Arc::default(),
             failed: Mutex::default(),
+            is_interrupted: AtomicBool::new(false),
         })
     }
 
@@ -206,7 +216,7 @@ impl Renderer {
     fn update(&self, py: Python, scene: &Bound<PyAny>) -> PyResult<()> {
         check_process()?;
         let scene: PyRef<Scene> = given(scene, "scene", "a Scene")?;
-        let (inner, source, rows) = (self.0.clone(), scene.source.clone(), scene.rows.clone());
+        let (inner, source, rows) = (self.inner.clone(), scene.source.clone(), scene.rows.clone());
         let updated = interruptible(py, move |_| {
             let mut inner = lock(&inner);
             let near = inner.release();
@@ -227,7 +237,7 @@ impl Renderer {
         let features = numbers::<f32>(features, "colors", "float32", &[None, None])?;
         let (channels, values) = (features.shape()[1], features.values());
         let brought = py.detach(|| {
-            let mut inner = lock(&self.0);
+            let mut inner = lock(&self.inner);
             let near = inner.near();
             inner.drawing(near)?;
             let (Some(scene), Some(rows)) = (&inner.scene, &inner.rows) else { bail!("the scene has no features") };
@@ -242,12 +252,14 @@ impl Renderer {
     }
 
     /// Draws these features from now on.
-    fn _show(&self, channels: &Channels) {
-        let inner = &mut *lock(&self.0);
-        inner.scene = inner.scene.take().map(|scene| scene.with_features(&channels.0));
-        if let Some(drawing) = &inner.drawing {
-            lock(drawing).stream.renderer().show(&channels.0);
-        }
+    fn _show(&self, py: Python, channels: &Channels) {
+        py.detach(|| {
+            let inner = &mut *lock(&self.inner);
+            inner.scene = inner.scene.take().map(|scene| scene.with_features(&channels.0));
+            if let Some(drawing) = &inner.drawing {
+                lock(drawing).stream.renderer().show(&channels.0);
+            }
+        })
     }
 
     /// Draws pictures into memory that CUDA opens, one into each, without a pause between them. Returns the GPU times
@@ -259,7 +271,7 @@ impl Renderer {
         has_depth: bool,
     ) -> PyResult<Vec<Bound<'py, PyDict>>> {
         check_process()?;
-        let inner = self.0.clone();
+        let inner = self.inner.clone();
         let views: Vec<_> = views.into_iter().map(|(camera, into)| (camera, into.get().0.clone())).collect();
         let drawn = interruptible(py, move |_| {
             let mut inner = lock(&inner);
@@ -283,13 +295,13 @@ impl Renderer {
     /// The name of the Vulkan device.
     #[getter]
     fn device(&self) -> String {
-        lock(&self.0).device.capabilities().name.clone()
+        self.device.capabilities().name.clone()
     }
 
     /// What the validation layer said, if SMALTO_VALIDATION=1 turned it on.
     #[getter]
     fn validation_messages(&self) -> Vec<String> {
-        lock(&self.0).device.validation_messages()
+        self.device.validation_messages()
     }
 }
 
@@ -403,12 +415,15 @@ pub struct Channels(Features);
 #[pyclass(module = "smalto", frozen)]
 pub struct Pictures {
     renderer: Arc<Mutex<Inner>>,
+    is_certified: bool,
     cameras: Py<PyAny>,
     background: Background,
     wanted: FrameOutputs,
     queue: Arc<Mutex<VecDeque<View>>>,
     /// The exception of the iterator of cameras, until the pictures before it are taken.
     failed: Mutex<Option<PyErr>>,
+    /// Set by an interrupt, which loses a picture: the next one would be taken for it.
+    is_interrupted: AtomicBool,
 }
 
 #[pymethods]
@@ -419,9 +434,11 @@ impl Pictures {
 
     fn __next__(&self, py: Python) -> PyResult<Option<Picture>> {
         check_process()?;
-        let is_certified = lock(&self.renderer).is_certified;
+        if self.is_interrupted.load(Ordering::Relaxed) {
+            return Err(Error::new_err("the pictures were interrupted: draw the rest with another render_many"));
+        }
         // The certificate is that of the frame drawn last.
-        let most = if is_certified { 1 } else { IN_FLIGHT };
+        let most = if self.is_certified { 1 } else { IN_FLIGHT };
         let mut next = Vec::new();
         let waiting = lock(&self.queue).len();
         while waiting + next.len() < most && lock(&self.failed).is_none() {
@@ -441,6 +458,7 @@ impl Pictures {
             }
             queue.pop_front().map(|view| inner.finish(view)).transpose()
         });
+        let drawn = drawn.inspect_err(|_| self.is_interrupted.store(true, Ordering::Relaxed));
         match drawn?.map_err(exception)? {
             None => lock(&self.failed).take().map_or(Ok(None), Err),
             picture => Ok(picture),

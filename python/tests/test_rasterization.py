@@ -163,6 +163,34 @@ def test_meta_has_the_projection_of_what_is_drawn():
     assert "own" in dense and "radii" not in dense
 
 
+def test_splats_of_small_radii_are_left_out():
+    arguments = CASES["degree 3"]
+    meta = smalto.rasterization(**arguments, packed=False)[2]
+    clip = int(np.median(meta["radii"]))
+    for camera in range(gsplat_cases.CAMERAS):
+        one = arguments | {name: arguments[name][camera : camera + 1] for name in ("viewmats", "Ks")}
+        rows = (meta["radii"][camera] > clip).any(-1)
+        assert 0 < rows.sum() < gsplat_cases.GAUSSIANS
+        rest = {name: arguments[name][rows] for name in ("means", "quats", "scales", "opacities", "colors")}
+        found, _, clipped = smalto.rasterization(**one, radius_clip=clip)
+        assert np.array_equal(found, draw(one, **rest)) and not np.array_equal(found, draw(one))
+        assert np.array_equal(clipped["gaussian_ids"], rows.nonzero()[0])
+
+
+def test_covariances_take_the_place_of_rotations_and_scales():
+    arguments = CASES["RGB+ED"]
+    w, x, y, z = arguments["quats"].T.astype(np.float64)
+    turns = np.stack([
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ], -1).reshape(-1, 3, 3)  # fmt: skip
+    roots = turns * arguments["scales"][:, None, :]
+    covars = roots @ roots.transpose(0, 2, 1)
+    found = draw(arguments, covars=covars, quats=None, scales=None)
+    assert np.abs(found - RESULTS["RGB+ED: colors"]).max() < 1e-4
+
+
 def test_keywords_of_gsplat_1_6_are_ignored_at_their_defaults():
     arguments = features_scene()
     expected = draw(arguments)
@@ -287,7 +315,8 @@ def test_a_scene_that_changes_is_drawn_anew():
     "change, error, text",
     [
         ({"render_mode": "depth"}, ValueError, "render_mode: expected RGB, D, ED"),
-        ({"radius_clip": 1.0}, ValueError, "radius_clip: smalto draws"),
+        ({"eps2d": 0.1}, ValueError, "eps2d: smalto draws"),
+        ({"covars": np.zeros((80, 3))}, ValueError, r"covars: expected the shape \(80, 3, 3\)"),
         ({"camera_model": "fisheye"}, ValueError, "camera_model: smalto draws"),
         ({"sh_degree": 9}, ValueError, "sh_degree: expected 0 to .*, found 9"),
         ({"sh_degree": 3.0}, TypeError, "sh_degree: expected a whole number, found 3.0"),
