@@ -82,13 +82,12 @@ class Meta(MutableMapping[str, Any]):
 
 def projector(scenes, batch, size, planes, radius_clip, antialiased):
     """What makes the projections: of batched arrays, for images of this size, with near and far plane."""
-
     rules = (radius_clip, antialiased)
+    # Not the colors, whose memory would stay as long as the results.
+    needed = [scenes[name] for name in ("means", "quats", "scales", "opacities", "viewmats", "Ks")]
 
     def project(packed):
-        means, quats, scales, opacities, viewmats, Ks = (
-            scenes[name] for name in ("means", "quats", "scales", "opacities", "viewmats", "Ks")
-        )
+        means, quats, scales, opacities, viewmats, Ks = needed
         parts = [
             projected((means[b], quats[b], scales[b], opacities[b]), viewmats[b, c], Ks[b, c], size, planes, *rules)
             for b in range(len(means))
@@ -99,7 +98,7 @@ def projector(scenes, batch, size, planes, radius_clip, antialiased):
         if not packed:
             return found | dict.fromkeys(_IDS)
         is_drawn = (found["radii"] > 0).all(-1)
-        where = is_drawn.reshape(-1, *shape[-2:]).nonzero()
+        where = is_drawn.reshape(len(means), *shape[-2:]).nonzero()
         where = where.unbind(-1) if xp is not np else where
         return {name: values[is_drawn] for name, values in found.items()} | dict(zip(_IDS, where))
 
@@ -197,7 +196,7 @@ def _intersections(dense, grid, tile_size):
     """The tiles of each splat, and the splats of each tile from near to far."""
     images = math.prod(dense["depths"].shape[:-1])
     count = dense["depths"].shape[-1]
-    means, radii, depths = (dense[name].reshape(images * count, -1) for name in ("means2d", "radii", "depths"))
+    means, radii = (dense[name].reshape(images * count, 2) for name in ("means2d", "radii"))
     low = np.clip(np.floor((means - radii) / tile_size), 0, grid).astype(np.int64)
     high = np.clip(np.ceil((means + radii) / tile_size), 0, grid).astype(np.int64)
     wide, tall = (high - low).T
@@ -207,7 +206,7 @@ def _intersections(dense, grid, tile_size):
     row, column = low[splat, 1] + place // wide[splat], low[splat, 0] + place % wide[splat]
     tiles = grid[0] * grid[1]
     tile, image = row * grid[0] + column, splat // max(count, 1)
-    bits = depths.astype(np.float32).reshape(-1).view(np.int32).astype(np.int64)[splat]
+    bits = dense["depths"].reshape(-1).view(np.int32).astype(np.int64)[splat]
     ids = (image << (32 + tiles.bit_length())) | (tile << 32) | bits
     order = np.argsort(ids, kind="stable")
     lists = np.bincount(image * tiles + tile, minlength=images * tiles)

@@ -163,6 +163,15 @@ def test_meta_has_the_projection_of_what_is_drawn():
     assert "own" in dense and "radii" not in dense
 
 
+def test_nothing_has_a_meta_too():
+    arguments = features_scene(1)
+    nothing = {name: arguments[name][:0] for name in ("means", "quats", "scales", "opacities", "colors")}
+    for change in (nothing, {"viewmats": arguments["viewmats"][:0], "Ks": arguments["Ks"][:0]}):
+        for packed in (True, False):
+            colors, _, meta = smalto.rasterization(**(arguments | change), packed=packed)
+            assert not colors.any() and meta["radii"].size == meta["isect_ids"].size == meta["flatten_ids"].size == 0
+
+
 def test_splats_of_small_radii_are_left_out():
     arguments = CASES["degree 3"]
     meta = smalto.rasterization(**arguments, packed=False)[2]
@@ -189,6 +198,10 @@ def test_covariances_take_the_place_of_rotations_and_scales():
     covars = roots @ roots.transpose(0, 2, 1)
     found = draw(arguments, covars=covars, quats=None, scales=None)
     assert np.abs(found - RESULTS["RGB+ED: colors"]).max() < 1e-4
+    torch, devices_found = devices()
+    for device in devices_found:
+        tensors = on_torch(torch, arguments | {"covars": covars, "quats": None, "scales": None}, device)
+        assert np.abs(draw(tensors).cpu().numpy() - found).max() < 1e-4
 
 
 def test_keywords_of_gsplat_1_6_are_ignored_at_their_defaults():
@@ -353,12 +366,18 @@ def devices():
 @pytest.mark.parametrize("name", ["RGB+ED", "batch", "far plane", "colors of each camera"])
 def test_tensors_give_the_same_bits_on_their_device(name):
     torch, found = devices()
-    expected, coverage, _ = smalto.rasterization(**CASES[name])
+    expected, coverage, expected_meta = smalto.rasterization(**CASES[name])
     for device in found:
-        colors, alphas, _ = smalto.rasterization(**on_torch(torch, CASES[name], device))
+        colors, alphas, meta = smalto.rasterization(**on_torch(torch, CASES[name], device))
         assert colors.device.type == alphas.device.type == device
         assert np.array_equal(colors.cpu().numpy(), expected)
         assert np.array_equal(alphas.cpu().numpy(), coverage)
+        for key in ("radii", "means2d", "opacities", "camera_ids", "gaussian_ids", "flatten_ids", "isect_ids"):
+            assert meta[key].device.type == device
+            values, wanted = meta[key].cpu().numpy(), expected_meta[key]
+            # A radius is rounded up.
+            assert values.shape == wanted.shape and values.dtype == wanted.dtype, key
+            assert np.allclose(values, wanted, rtol=1e-6, atol=1 if key == "radii" else 0), key
 
 
 def test_gradients_and_mixed_devices_are_refused():
