@@ -179,8 +179,10 @@ fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
     let path = &sog::in_folder(path);
     let mut input = Input::open(path, watch)?;
     let scene = match packed::gzip_content(&mut input)? {
-        // SPZ is read from its stream.
-        Some(begin) if !begin.starts_with(b"NGSP") => read_gzip(input, &begin, &Request { path, level, watch })?,
+        // SPZ 1 to 3 is read from its stream.
+        Some(begin) if !begin.starts_with(b"NGSP") || begin.get(4) == Some(&4) => {
+            read_gzip(input, &begin, &Request { path, level, watch })?
+        }
         _ => read_open(input, &Request { path, level, watch })?,
     };
     let LoadReport { read, .. } = scene.report;
