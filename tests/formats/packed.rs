@@ -129,7 +129,7 @@ fn spz_is_read_in_all_axes() {
         "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF", "LFD", "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU",
     ];
     let read = |code: u32| parse("a.spz", &with_extension(COORDINATES, code)).unwrap().gaussians;
-    let stored = read(6);
+
     let direction = |letter: char| match letter {
         'R' => DVec3::X,
         'L' => DVec3::NEG_X,
@@ -145,7 +145,7 @@ fn spz_is_read_in_all_axes() {
         let is_mirrored = matrix.determinant() < 0.0;
         let turn = matrix * DMat3::from_diagonal(DVec3::new(if is_mirrored { -1.0 } else { 1.0 }, 1.0, 1.0));
         let rotation = Transform::new(DQuat::from_mat3(&turn), DVec3::ZERO, 1.0).unwrap();
-        let expected: Gaussians = stored.flipped([is_mirrored, false, false]).transformed(&rotation).unwrap();
+        let expected: Gaussians = read(6).flipped([is_mirrored, false, false]).transformed(&rotation).unwrap();
         let found = read(code);
         // Rotations differ by half turns about the axes of an ellipsoid, which is the same then.
         for loss in Loss::between(&expected, &found).iter().filter(|loss| loss.attribute != "rotation") {
