@@ -11,6 +11,7 @@ target/python-fresh/bin/python of python/build.sh. The exit code is 1 if a case 
 import json
 import os
 import re
+import struct
 import subprocess
 import sys
 import tempfile
@@ -42,9 +43,9 @@ def render(name, *options, view=VIEW):
 
 
 def psnr(first, second):
-    rows = json.loads(run("compare", first, second, "--json", "-"))
-    found = re.search(r'"psnr[a-z_]*": ?([0-9.]+|null|"inf[a-z]*")', json.dumps(rows))
-    return float(found[1]) if found and found[1][0].isdigit() else float("inf")
+    pair = json.loads(run("compare", first, second, "--json", "-"))["pairs"][0]
+    decibels = pair["difference"]["psnr_db"]
+    return float("inf") if decibels is None else decibels
 
 
 def draws(name, expected, at_least=60.0, says=()):
@@ -61,8 +62,6 @@ def georeferenced():
     out = os.path.join(OUT, "moved.ply")
     run("convert", case("06-georeferenced-doubles.ply"), out, "--transform", "translate=-500123.37,-5301234.61,-412.125")
     expected = [(0, 0, 0), (0.3, 0, 0), (0, 0.3, 0), (0, 0, 0.3), (0.21, 0.21, 0.06)]
-    import struct
-
     data = open(out, "rb").read()
     body = data.index(b"end_header\n") + 11
     names = re.findall(r"property float (\w+)", data[:body].decode())
