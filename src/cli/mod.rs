@@ -125,7 +125,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Render(render::Args),
+    Render(Box<render::Args>),
     View(view::Args),
     Info(info::Args),
     Convert(convert::Args),
