@@ -46,7 +46,9 @@ Examples:
 pub(super) struct Args {
     #[command(flatten)]
     scene: SceneArg,
-    /// Camera file or folder [default: found as by `smalto render`, or an orbit]
+    /// Camera file or folder [default: the one found, or an orbit]
+    ///
+    /// It is found next to the scene or above it, as by `smalto render`.
     #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
     #[command(flatten)]

@@ -236,7 +236,7 @@ fn the_command_says_what_is_wrong() {
     let said = ok(&["render", &out, "--splats", "1", "--size", "64x48", "-o", &png]);
     assert!(said.contains("page of the levels, there are no coarser ones"), "{said}");
     let said = ok(&["render", &out, "--splats", "500", "--measure-levels", "--size", "64x48", "-o", &png]);
-    assert!(said.contains("dB measured"), "{said}");
+    assert!(said.contains("dB to all Gaussians"), "{said}");
     let said = fails(2, &["render", &out, "--measure-levels", "--size", "64x48", "-o", &png]);
     assert!(said.contains("--measure-levels needs --splats"), "{said}");
     let bench = ["bench", &out, "--size", "32x24", "--warmup", "0", "--frames", "2", "--json", "-", "--splats", "500"];
