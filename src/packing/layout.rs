@@ -282,14 +282,24 @@ impl Layout {
     /// If there are fewer words than the layout has.
     pub fn unpacked_sh(&self, sh: &[u32]) -> [[f32; 3]; sh_coefficients(MAX_SH_DEGREE)] {
         let mut all = [[0.0; 3]; sh_coefficients(MAX_SH_DEGREE)];
-        for (i, float) in all.as_flattened_mut()[..3 * sh_coefficients(self.sh_degree)].iter_mut().enumerate() {
+        self.unpack_sh(sh, &mut all);
+        all
+    }
+
+    /// Unpacks the first of the spherical harmonics in these words; those above the stored degree become 0.
+    ///
+    /// # Panics
+    /// If there are fewer words than the layout has.
+    pub fn unpack_sh(&self, words: &[u32], sh: &mut [[f32; 3]]) {
+        let (stored, missing) = sh.split_at_mut(sh_coefficients(self.sh_degree).min(sh.len()));
+        for (i, float) in stored.as_flattened_mut().iter_mut().enumerate() {
             *float = match self.sh.storage {
-                Storage::Lossless | Storage::F32 => f32::from_bits(sh[i]),
-                Storage::F16 => separated(sh[i / 2])[i % 2],
-                Storage::U8 => self.sh_grids[i / 3].decode(sh[i / 4].to_le_bytes()[i % 4]),
+                Storage::Lossless | Storage::F32 => f32::from_bits(words[i]),
+                Storage::F16 => separated(words[i / 2])[i % 2],
+                Storage::U8 => self.sh_grids[i / 3].decode(words[i / 4].to_le_bytes()[i % 4]),
             };
         }
-        all
+        missing.fill([0.0; 3]);
     }
 
     /// The rotation, scale and opacity in the words of a shape, as the shaders unpack them.

@@ -55,7 +55,7 @@ impl<'f> NodeReader<'f> {
             if page >= file.header().scene_pages() {
                 shape.opacity = value_of_code(words[1] as u16) as f32;
             }
-            put(parts, *taken, opaque_at_most(shape), &layout.unpacked_sh(&of_page.sh_of(colours, k)));
+            layout.unpack_sh(&of_page.sh_of(colours, k), put(parts, *taken, opaque_at_most(shape)));
             *taken += 1;
         }
         Ok(())
@@ -91,14 +91,14 @@ pub fn nodes_of(file: &PageFile, pages: &[Range<usize>]) -> Result<Gaussians> {
     reader.finish()
 }
 
-/// Stores Gaussian `place` of a scene. `sh` may have more coefficients than the scene.
-pub fn put(parts: &mut CanonicalBuilder, place: usize, shape: Shape, sh: &[[f32; 3]]) {
+/// Stores the shape of Gaussian `place` of a scene. Returns the place of its spherical harmonics.
+pub fn put(parts: &mut CanonicalBuilder, place: usize, shape: Shape) -> &mut [[f32; 3]] {
     let Shape { mean, rotation, scale, opacity } = shape;
     (parts.means[place], parts.rotations[place], parts.scales[place]) = (mean, rotation, scale);
     // Opacities of 16 bits may be rounded to 0, which scenes do not allow.
     parts.opacities[place] = opacity.max(f32::from_bits(1));
     let stride = parts.sh.len() / parts.means.len();
-    parts.sh[place * stride..][..stride].copy_from_slice(&sh[..stride]);
+    &mut parts.sh[place * stride..][..stride]
 }
 
 /// A Gaussian whose opacity is at most 1, with the same sum of alpha over the picture. Alpha is clamped to 1, so that

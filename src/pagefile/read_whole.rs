@@ -54,7 +54,7 @@ fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {
                 let is_new = is_filled.get_mut(place).is_some_and(|filled| !std::mem::replace(filled, true));
                 ensure!(is_new, Unreadable::new(file.path(), &anyhow::anyhow!("two Gaussians have the index {place}")));
                 let shape = words.unpacked(layout, geometry, k);
-                put(&mut parts, place, shape, &layout.unpacked_sh(&words.sh_of(colours, k)));
+                layout.unpack_sh(&words.sh_of(colours, k), put(&mut parts, place, shape));
                 filled += 1;
             }
         }
