@@ -306,7 +306,11 @@ fn spz_axes_follow_the_extension() {
     // 1 is left, down, back.
     let mirrored = parse(&with_system(1)).unwrap().gaussians;
     assert_eq!(mirrored.means()[0], [-expected.means()[0][0], -expected.means()[0][1], expected.means()[0][2]]);
-    assert!(parse(&with_system(12)).unwrap_err().contains("coordinate system 12"));
+    // 12 is right, forward, up.
+    let upright = parse(&with_system(12)).unwrap().gaussians;
+    let [x, y, z] = same_axes.means()[0];
+    assert_eq!(upright.means()[0], [x, -z, y]);
+    assert!(parse(&with_system(17)).is_err_and(|error| error.contains("coordinate system 17")));
 }
 
 /// SPZ versions 1 and 2, which no tool at hand writes, made here from the published layout: 3-byte rotations, and in
