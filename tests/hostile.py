@@ -138,7 +138,8 @@ def killed_pictures(trial):
     command = ["render", "cactus:1000", "--orbit", "12", "--size", "96x64", "--layers", "colour,depth", "-o"]
     trial.run([*command, "whole"])
     names = sorted(name for name in os.listdir(trial.path("whole")) if not name.startswith("."))
-    expected = {name: digest(trial.path("whole/" + name)) for name in names if os.path.isfile(trial.path("whole/" + name))}
+    files = [name for name in names if os.path.isfile(trial.path("whole/" + name))]
+    expected = {name: digest(trial.path("whole/" + name)) for name in files}
     while trial.goes_on():
         trial.run([*command, "killed", "--resume"], signals=(*ENDING, signal.SIGKILL))
         for name, whole in expected.items():

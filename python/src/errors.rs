@@ -3,7 +3,7 @@
 use pyo3::create_exception;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use smalto::gpu::Unavailable;
+use smalto::gpu::{TooLarge, Unavailable};
 use smalto::host_memory::OutOfMemory;
 use smalto::render::NoLevels;
 use smalto::scene::{Cancelled, NoLevel, Unreadable};
@@ -24,7 +24,7 @@ pub fn exception(error: anyhow::Error) -> PyErr {
         OutOfMemoryError::new_err(text)
     } else if error.is::<Cancelled>() {
         PyKeyboardInterrupt::new_err(())
-    } else if error.is::<NoLevel>() || error.is::<NoLevels>() {
+    } else if error.is::<NoLevel>() || error.is::<NoLevels>() || error.is::<TooLarge>() {
         PyValueError::new_err(text)
     } else {
         Error::new_err(text)

@@ -3,7 +3,6 @@
 use std::error::Error as _;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
-use std::num::{IntErrorKind, ParseFloatError, ParseIntError};
 use std::path::Path;
 
 use anyhow::Result;
@@ -154,25 +153,6 @@ fn refused(error: Error) -> Usage {
     Usage(sentence(&error))
 }
 
-/// What is wrong with a value, in other words than those of the number parsers of Rust and clap.
-fn plain(problem: &(dyn std::error::Error + 'static)) -> String {
-    if let Some(problem) = problem.downcast_ref::<ParseIntError>() {
-        return match problem.kind() {
-            IntErrorKind::PosOverflow | IntErrorKind::NegOverflow => "the number is out of range".to_owned(),
-            _ => "expected a whole number".to_owned(),
-        };
-    }
-    if problem.is::<ParseFloatError>() {
-        return "expected a number".to_owned();
-    }
-    let text = problem.to_string();
-    match text.split_once(" is not in ").and_then(|(_, range)| range.split_once("..=")) {
-        Some((least, most)) if most == u32::MAX.to_string() => format!("expected at least {least}"),
-        Some((least, most)) => format!("expected a whole number from {least} to {most}"),
-        None => text,
-    }
-}
-
 fn sentence(error: &Error) -> String {
     let texts = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => vec![text.clone()],
@@ -189,7 +169,7 @@ fn sentence(error: &Error) -> String {
             let value = first(ContextKind::InvalidValue).unwrap_or_default();
             let expected = texts(ContextKind::ValidValue);
             let problem = match error.source() {
-                Some(source) => plain(source),
+                Some(source) => source.to_string(),
                 None if expected.is_empty() => "a value is expected".to_owned(),
                 None => format!("expected {}", expected.join(", ")),
             };

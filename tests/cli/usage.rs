@@ -18,6 +18,8 @@ fn wrong_arguments_are_one_sentence() {
         ("render --size 8x8 --size 9x9", "--size is given twice"),
         ("render --size", "--size <WxH>: a value is expected"),
         ("render --size 100000x100000", "like 1280x720, each from 1 to 65536"),
+        ("render --size -1x5", "--size -1x5: expected WIDTHxHEIGHT"),
+        ("render --memory -5MB", "--memory -5MB: expected"),
         ("render --near -1", "--near -1: expected a number above 0"),
         ("render --stop -0.5", "--stop -0.5: expected a number from 0 to 1"),
         ("render --background -1,0,0", "--background -1,0,0: expected R,G,B from 0 to 1"),

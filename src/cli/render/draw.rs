@@ -165,7 +165,7 @@ fn draw<'p>(
         Ok((failure, drawers.into_iter().map(joined).filter_map(Result::err).next()))
     })?;
     let failure = failure.or(lost.filter(|_| run.queue.is_abandoned()));
-    log.tell_rest()?;
+    log.report_rest()?;
     failure.map_or(Ok(()), Err)?;
     log.finish(run, encoders)
 }
@@ -245,7 +245,7 @@ impl<'p> Log<'p> {
     }
 
     /// Reports the views that wait for others, which a failed run never draws.
-    fn tell_rest(&mut self) -> Result<()> {
+    fn report_rest(&mut self) -> Result<()> {
         std::mem::take(&mut self.done).into_values().try_for_each(|view| self.report_view(view))
     }
 

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result};
 
 use crate::files::{Scratch, describe};
 use crate::formats::{Reading, SIGNATURE_BYTES, check_recognized};
@@ -30,7 +30,7 @@ fn is_fifo(_: &std::fs::Metadata) -> bool {
 /// Reads a scene whose format can be recognized by its content. Errors name `path`.
 pub fn read(path: &Path, reading: &Reading, progress: &dyn Fn(f64)) -> Result<Scene> {
     let name = || if path == Path::new("-") { "standard input".to_owned() } else { path.display().to_string() };
-    let copy = copy_of(path).map_err(|problem| Unreadable { path: name(), problem: problem.to_string() })?;
+    let copy = copy_of(path, &name())?;
     let watch = Watch::of_progress(progress);
     pagefile::read(reading, &copy.path(), &watch).map_err(|error| {
         let error = match error.downcast::<NoLevel>() {
@@ -45,12 +45,14 @@ pub fn read(path: &Path, reading: &Reading, progress: &dyn Fn(f64)) -> Result<Sc
 }
 
 /// A copy of what a pipe holds, if its first bytes are those of a scene. A pipe without an end is thus refused at once.
-fn copy_of(path: &Path) -> Result<Scratch> {
-    let unreadable = |error: io::Error| anyhow!("cannot be read: {}", describe(&error));
+/// Errors name `name`.
+fn copy_of(path: &Path, name: &str) -> Result<Scratch> {
+    let unreadable = |problem: String| Unreadable { path: name.to_owned(), problem };
+    let cannot_read = |error: io::Error| unreadable(format!("cannot be read: {}", describe(&error)));
     let from: &mut dyn Read =
-        if path == Path::new("-") { &mut io::stdin().lock() } else { &mut File::open(path).map_err(unreadable)? };
+        if path == Path::new("-") { &mut io::stdin().lock() } else { &mut File::open(path).map_err(cannot_read)? };
     let mut begin = Vec::new();
-    from.take(SIGNATURE_BYTES as u64).read_to_end(&mut begin).map_err(unreadable)?;
-    check_recognized(&begin)?;
-    Scratch::of(&mut begin.as_slice().chain(from))
+    from.take(SIGNATURE_BYTES as u64).read_to_end(&mut begin).map_err(cannot_read)?;
+    check_recognized(&begin).map_err(|problem| unreadable(problem.to_string()))?;
+    Scratch::of(&mut begin.as_slice().chain(from)).with_context(|| name.to_owned())
 }
