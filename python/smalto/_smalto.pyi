@@ -13,16 +13,26 @@ Size = Sequence[SupportsIndex] | NDArray[np.integer[Any]]
 __version__: str
 MAX_SH_DEGREE: int
 
-class Error(RuntimeError): ...
-class DeviceError(Error): ...
-class UnreadableError(ValueError): ...
-class OutOfMemoryError(MemoryError): ...
+class Error(RuntimeError):
+    """An error of smalto."""
+class DeviceError(Error):
+    """No Vulkan device can be used; the message says what is missing."""
+class UnreadableError(ValueError):
+    """A file is not a scene or a camera file that can be drawn."""
+class OutOfMemoryError(MemoryError):
+    """Memory of the host or of the device runs out."""
 
 class Scene:
+    """Gaussians, in the memory of the host or in a page file."""
     @staticmethod
     def read(
         path: str | PathLike[str], *, up: str | None = None, flip: str | None = None, lod: int | None = None
-    ) -> Scene: ...
+    ) -> Scene:
+        """Reads a scene file of any format that `smalto render` reads, or makes a procedural scene such as
+        "cactus:100000". A page file (.smalto) stays on the disk and is drawn page by page. `up` is the axis of the file
+        that points up, like "z" or "-y", `flip` names axes to reverse, like "yz", and `lod` is the level of detail of a
+        streamed SOG, 0 the finest. Errors: UnreadableError, MemoryError, ValueError for an axis or a level that there
+        is not. Ctrl-C ends the reading."""
     @staticmethod
     def from_arrays(
         means: ArrayLike,
@@ -32,30 +42,53 @@ class Scene:
         sh: ArrayLike,
         *,
         antialiased: bool = False,
-    ) -> Scene: ...
-    def write(self, path: str | PathLike[str]) -> None: ...
-    def camera(self, width: SupportsIndex, height: SupportsIndex) -> Camera: ...
+    ) -> Scene:
+        """A scene of N Gaussians: means (N, 3) in world units, quats (N, 4) as w, x, y, z of any length but 0, scales
+        (N, 3), the standard deviations in world units, opacities (N) from 0 to 1, and sh (N, K, 3), the coefficients of
+        spherical harmonics with K = 1, 4, 9, 16 or 25. Values become 32-bit floats. Gaussians with the opacity 0 are
+        left out. Errors: ValueError for another shape or a value that cannot be drawn, TypeError for what is not numbers."""
+    def write(self, path: str | PathLike[str]) -> None:
+        """Writes the scene as .ply, .compressed.ply, .spz, .splat, .sog or .glb, and reads it back before it replaces what
+        is there. Errors: ValueError for another ending or a scene in a page file, smalto.Error if it cannot be written."""
+    def camera(self, width: SupportsIndex, height: SupportsIndex) -> Camera:
+        """The camera of `smalto render` where none is given: it shows the whole scene."""
     @property
-    def antialiased(self) -> bool: ...
+    def antialiased(self) -> bool:
+        """True if it was trained with the antialiasing of Mip-Splatting, and is drawn so."""
     @property
-    def notices(self) -> list[str]: ...
+    def notices(self) -> list[str]:
+        """Differences between the scene and its file, a sentence each."""
     @property
-    def sh_degree(self) -> int: ...
+    def sh_degree(self) -> int:
+        """The highest degree of its spherical harmonics."""
     @property
-    def means(self) -> NDArray[np.float32]: ...
+    def means(self) -> NDArray[np.float32]:
+        """The means, (N, 3) in world units: a copy."""
     @property
-    def quats(self) -> NDArray[np.float32]: ...
+    def quats(self) -> NDArray[np.float32]:
+        """The rotations, (N, 4) as w, x, y, z of length 1: a copy."""
     @property
-    def scales(self) -> NDArray[np.float32]: ...
+    def scales(self) -> NDArray[np.float32]:
+        """The standard deviations, (N, 3) in world units: a copy."""
     @property
-    def opacities(self) -> NDArray[np.float32]: ...
+    def opacities(self) -> NDArray[np.float32]:
+        """The opacities, (N) from 0 to 1: a copy."""
     @property
-    def sh(self) -> NDArray[np.float32]: ...
+    def sh(self) -> NDArray[np.float32]:
+        """The coefficients of spherical harmonics, (N, K, 3): a copy."""
     def __len__(self) -> int: ...
     @staticmethod
     def _of_features(means: Any, quats: Any, scales: Any, opacities: Any) -> Scene: ...
 
 class Camera:
+    """A pinhole camera: where it is, where it looks, and the pixels of its picture. Axes are those of OpenCV and COLMAP:
+    x right, y down, z forward. The pixel in column i and row j is sampled at (i + 0.5, j + 0.5).
+
+    K is the matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, `size` is (width, height). The pose is either
+    `viewmat`, a 4x4 matrix from world to view, or `c2w`, its inverse. Its rotation R may be off by rounding: where an
+    entry of R R^T - I is over 1e-6, it becomes the nearest rotation, and over 0.005 it is refused. `near` is the largest
+    near plane, in world units, that shows what the camera looks at. Cameras can be compared, pickled, and be keys of
+    dictionaries. Errors: ValueError where a matrix has another shape or form, or no picture can be drawn."""
     def __init__(
         self,
         *,
@@ -67,45 +100,75 @@ class Camera:
         name: str | None = None,
     ) -> None: ...
     @staticmethod
-    def read(path: str | PathLike[str]) -> list[Camera]: ...
-    def resized(self, size: Size) -> Camera: ...
+    def read(path: str | PathLike[str]) -> list[Camera]:
+        """All cameras of a file or folder: cameras.json, transforms.json, the folder of a COLMAP model."""
+    def resized(self, size: Size) -> Camera:
+        """The same view in a picture of another size (width, height)."""
     @property
-    def near(self) -> float | None: ...
+    def near(self) -> float | None:
+        """The largest near plane, in world units, that shows what it looks at; None for cameras of files."""
     @property
-    def name(self) -> str | None: ...
+    def name(self) -> str | None:
+        """The name of its photograph, if it has one."""
     @property
-    def size(self) -> tuple[int, int]: ...
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
     @property
-    def K(self) -> NDArray[np.float64]: ...
+    def K(self) -> NDArray[np.float64]:
+        """The 3x3 matrix of the intrinsics, in pixels."""
     @property
-    def viewmat(self) -> NDArray[np.float64]: ...
+    def viewmat(self) -> NDArray[np.float64]:
+        """The 4x4 matrix from world to view."""
     @property
-    def c2w(self) -> NDArray[np.float64]: ...
+    def c2w(self) -> NDArray[np.float64]:
+        """The 4x4 matrix from view to world."""
     def __eq__(self, other: object) -> bool: ...
     def __hash__(self) -> int: ...
     @staticmethod
     def _as_given(K: Any, size: Size, viewmat: Any) -> Camera: ...
 
 class Picture:
+    """A picture: `color`, `alpha`, and what else was asked for. The arrays show its memory without a copy, so they cannot
+    be written to; `numpy.copy` makes one that can."""
     @property
-    def color(self) -> NDArray[Any]: ...
+    def color(self) -> NDArray[Any]:
+        """Red, green and blue as displayed, (height, width, 3) in float32, or in uint8 if it was drawn so; without a
+        background, premultiplied by alpha."""
     @property
-    def color8(self) -> NDArray[np.uint8]: ...
+    def color8(self) -> NDArray[np.uint8]:
+        """Red, green and blue in 8 bits, (height, width, 3) in uint8, as in the PNG that `smalto render` writes: a copy."""
     @property
-    def alpha(self) -> NDArray[Any]: ...
+    def alpha(self) -> NDArray[Any]:
+        """The coverage of each pixel, (height, width), from 0 to 1 in float32, or to 255 in uint8 if it was drawn so."""
     @property
-    def depth(self) -> NDArray[np.float32]: ...
+    def depth(self) -> NDArray[np.float32]:
+        """The mean view z of what is blended at each pixel, in world units, (height, width) in float32; NaN where there is
+        nothing. Errors: ValueError if the picture was drawn without depth."""
     @property
-    def certificate(self) -> NDArray[np.float32] | None: ...
+    def certificate(self) -> NDArray[np.float32] | None:
+        """For each channel of each pixel, a bound on what was left out, (height, width, 4) in float32; None if the
+        renderer makes no certificates."""
     @property
-    def timings(self) -> dict[str, float]: ...
+    def timings(self) -> dict[str, float]:
+        """GPU times in milliseconds by the name of the stage; "frame" is the whole frame. Empty for a reference."""
     @property
-    def visible(self) -> int | None: ...
+    def visible(self) -> int | None:
+        """The number of Gaussians in view; None for a reference."""
     @property
-    def size(self) -> tuple[int, int]: ...
-    def save(self, path: str | PathLike[str]) -> None: ...
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes the picture as .png or .exr, as `smalto render` does. Errors: smalto.Error if it cannot be written."""
 
 class Renderer:
+    """Draws pictures of one scene on one device, and keeps what it needs for the next one.
+
+    `preset` and any knob of `smalto render --help` set accuracy and speed, with _ in the place of -, like
+    Renderer(scene, preset="fast", sh_degree=1). `device` is the number of a Vulkan device in the list of `smalto
+    doctor` or a part of its name; by default SMALTO_DEVICE, or the fastest kind. `memory` is the most device memory to
+    take, in bytes: a scene that does not fit is drawn in parts, and the picture is the same. With `certified`, every
+    picture has a certificate. Methods may be called from several threads; they draw one after another. Errors:
+    ValueError for an unknown preset or knob, DeviceError, MemoryError."""
     def __init__(
         self,
         scene: Scene,
@@ -123,7 +186,11 @@ class Renderer:
         background: ArrayLike | None = (0.0, 0.0, 0.0),
         layers: Iterable[Layer] | None = None,
         dtype: Kind = "float32",
-    ) -> Picture: ...
+    ) -> Picture:
+        """Draws a picture. `background` is red, green, blue, by default black, or None for a transparent one. `layers`
+        names what the picture is to have: color and alpha always, depth takes a second frame. With the `dtype` "uint8",
+        color and alpha are rounded to 8 bits on the GPU, which is faster to bring to the host. Errors: ValueError,
+        MemoryError, smalto.Error."""
     def render_many(
         self,
         cameras: Iterable[Camera],
@@ -131,17 +198,27 @@ class Renderer:
         background: ArrayLike | None = (0.0, 0.0, 0.0),
         layers: Iterable[Layer] | None = None,
         dtype: Kind = "float32",
-    ) -> Iterator[Picture]: ...
-    def update(self, scene: Scene) -> None: ...
+    ) -> Iterator[Picture]:
+        """An iterator over the pictures of many cameras, in their order. The GPU draws the next ones while Python works on
+        one. Arguments and errors are those of `render`. An exception of the iterator `cameras` is raised after the
+        pictures of the cameras before it."""
+    def update(self, scene: Scene) -> None:
+        """Draws another scene from now on, with the same preset and knobs: the next step of a training, say. The memory of
+        the old one is free before the new one is brought to the device."""
     @property
-    def device(self) -> str: ...
+    def device(self) -> str:
+        """The name of the Vulkan device."""
     @property
-    def validation_messages(self) -> list[str]: ...
+    def validation_messages(self) -> list[str]:
+        """What the validation layer said, if SMALTO_VALIDATION=1 turned it on."""
     def _bring(self, features: Any) -> Channels: ...
     def _show(self, channels: Channels) -> None: ...
     def _draw_exported(self, views: list[tuple[Camera, Exported]], has_depth: bool) -> list[dict[str, float]]: ...
 
-def compare(a: Picture | ArrayLike, b: Picture | ArrayLike) -> dict[str, Any]: ...
+def compare(a: Picture | ArrayLike, b: Picture | ArrayLike) -> dict[str, Any]:
+    """The difference of two pictures or arrays (height, width, 3), of floats where 1 is white, or of uint8: a dictionary
+    with max_error, mse, psnr_db (None if they are equal), ssim, flip and more, as `smalto compare --json` reports them.
+    Errors: ValueError if the sizes differ."""
 def reference(
     scene: Scene,
     camera: Camera,
@@ -149,13 +226,22 @@ def reference(
     preset: Preset = "balanced",
     background: ArrayLike | None = (0.0, 0.0, 0.0),
     **knobs: Any,
-) -> Picture: ...
+) -> Picture:
+    """The picture of the f64 reference on the CPU, by the rules of the preset and the knobs, exact; of the knobs that
+    trade accuracy, `sh_degree` alone counts. Takes seconds to minutes. Arguments are those of `Renderer` and `render`.
+    Errors: ValueError, also for scenes in page files."""
 
 # Private.
-class Channels: ...
+class Channels:
+    """Up to three channels of features of a scene, on the device of its renderer."""
 
 class Exported:
-    def handles(self) -> list[tuple[int, int]]: ...
+    """Memory of the device that holds the pixels of one picture, and opens in CUDA."""
+    def handles(self) -> list[tuple[int, int]]:
+        """File descriptors and sizes in bytes: of color and alpha, then of the depths. They are there after the first
+        picture, and hold until one of another size or with other depths. The caller owns the files."""
 
-def device_for_cuda(device: str | int | None) -> tuple[str, bool]: ...
-def main(arguments: list[str]) -> int: ...
+def device_for_cuda(device: str | int | None) -> tuple[str, bool]:
+    """The UUID of a device, by which CUDA knows it, and whether pictures can stay there for CUDA."""
+def main(arguments: list[str]) -> int:
+    """Runs the command line program with these arguments, the name of the program first. Returns its exit code."""

@@ -31,7 +31,8 @@ def documented(text, module):
         elif is_docstring:
             lines[body.lineno - 1 : body.end_lineno] = written
         else:
-            lines[body.lineno - 1 : body.lineno - 1] = written
+            first = min([body, *getattr(body, "decorator_list", [])], key=lambda part: part.lineno).lineno - 1
+            lines[first:first] = written
     return "\n".join(lines) + "\n"
 
 

@@ -34,6 +34,9 @@ def interrupt():
         time.sleep(0.001)
     os.kill(os.getpid(), signal.SIGINT)
 
+# The thread of the call that made the renderer may end a little later than the call.
+while "smalto-call" in names():
+    time.sleep(0.001)
 threading.Thread(target=interrupt, daemon=True).start()
 try:
     CALL
