@@ -21,22 +21,22 @@ import smalto
 scene = smalto.Scene.read("few-large:20000")
 renderer = smalto.Renderer(scene)
 
-def names():
+def threads():
     for task in os.listdir("/proc/self/task"):
         try:
             with open(f"/proc/self/task/{task}/comm") as name:
-                yield name.read().strip()
+                yield task, name.read().strip()
         except OSError:
             pass
 
+# Threads have the name of the one that started them: those of the renderer are there already.
+before = set(threads())
+
 def interrupt():
-    while "smalto-call" not in names():
+    while "smalto-call" not in {name for _, name in set(threads()) - before}:
         time.sleep(0.001)
     os.kill(os.getpid(), signal.SIGINT)
 
-# The thread of the call that made the renderer may end a little later than the call.
-while "smalto-call" in names():
-    time.sleep(0.001)
 threading.Thread(target=interrupt, daemon=True).start()
 try:
     CALL
