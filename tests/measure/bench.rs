@@ -160,7 +160,7 @@ fn a_damaged_or_foreign_baseline_is_refused_before_anything_is_measured() {
     refused(r#"{"format": "smalto ladder 1"}"#, "its format is smalto ladder 1");
     refused(&good.replace("smalto bench 3", "smalto bench 2"), "its format is smalto bench 2, not smalto bench 3");
     refused(&good.replace("\"frames\"", "\"framed\""), "is a damaged report");
-    assert!(fails(4, &quick("cactus:500", &["--baseline", "none.json"])).contains("none.json: cannot be read"));
+    assert!(fails(4, &quick("cactus:500", &["--baseline", "none.json"])).contains("none.json: cannot be opened"));
     let foreign = |arguments: &[&str], sentence: &str| {
         let output = smalto(arguments);
         let error = String::from_utf8(output.stderr).unwrap();
