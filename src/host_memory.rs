@@ -76,7 +76,7 @@ fn ask_for_huge_pages<T>(_vec: &Vec<T>) {}
 fn no_host_memory<T>(len: usize, name: &str) -> OutOfMemory {
     OutOfMemory {
         name: name.to_owned(),
-        bytes: Some(size_of::<T>() as u64 * len as u64),
+        bytes: Some((size_of::<T>() as u64).saturating_mul(len as u64)),
         reason: "the host has too little free memory".to_owned(),
     }
 }

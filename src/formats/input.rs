@@ -8,8 +8,8 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use rayon::prelude::*;
 
 use crate::files::{describe, open_regular, read_exact_at};
-use crate::host_memory::host_vec;
-use crate::scene::{BLOCK, Builder, Cancelled, Gaussians, Watch};
+use crate::host_memory::{OutOfMemory, host_vec};
+use crate::scene::{BLOCK, Builder, Cancelled, Gaussians, Placement, Placer, Watch};
 
 /// Bytes that a thread reads at a time.
 const PART: usize = 1 << 20;
@@ -17,7 +17,7 @@ const PART: usize = 1 << 20;
 /// Callback that gets the next block of Gaussians, and the number of Gaussians that the file claims to hold.
 pub(crate) type TakeBlock<'t> = &'t mut dyn FnMut(Gaussians, usize) -> Result<()>;
 
-/// A file that is read front to back. Errors name the byte.
+/// A scene file that is read front to back. Errors name the byte.
 pub(crate) struct Input<'w> {
     reader: BufReader<File>,
     len: u64,
@@ -30,6 +30,7 @@ pub(crate) struct Input<'w> {
     next_partial: usize,
     /// Fraction of the progress that stands for reading bytes; the rest stands for decoding.
     read_fraction: f64,
+    placement: Placement,
 }
 
 impl<'w> Input<'w> {
@@ -39,13 +40,45 @@ impl<'w> Input<'w> {
         let len = file.metadata()?.len();
         let reader = BufReader::with_capacity(PART, file);
         let (position, next_report, next_partial, read_fraction) = (0, 0, BLOCK, 1.0);
-        Ok(Self { reader, len, position, watch, next_report, is_cancelled: false, next_partial, read_fraction })
+        let placement = Placement::IDENTITY;
+        Ok(Self {
+            reader,
+            len,
+            position,
+            watch,
+            next_report,
+            is_cancelled: false,
+            next_partial,
+            read_fraction,
+            placement,
+        })
+    }
+
+    /// Opens the file of a scene whose Gaussians are placed there.
+    pub fn placed(path: &Path, watch: &'w Watch<'w>, placement: Placement) -> Result<Self> {
+        Ok(Self { placement, ..Self::open(path, watch)? })
+    }
+
+    /// Where the Gaussians of the file lie.
+    pub fn placement(&self) -> Placement {
+        self.placement
+    }
+
+    /// A builder of this many Gaussians of this SH degree, which places them.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if they cannot be allocated.
+    pub fn builder(&self, sh_degree: u32, capacity: usize) -> Result<Builder, OutOfMemory> {
+        let mut builder = Builder::new(sh_degree, capacity)?;
+        builder.place(Placer::new(&self.placement));
+        Ok(builder)
     }
 
     /// The input at the same position, with further progress reported to `watch`.
     pub fn watched_by<'v>(self, watch: &'v Watch<'v>) -> Input<'v> {
-        let Self { reader, len, position, next_report, is_cancelled, next_partial, read_fraction, .. } = self;
-        Input { reader, len, position, watch, next_report, is_cancelled, next_partial, read_fraction }
+        let Self { reader, len, position, next_report, is_cancelled, next_partial, read_fraction, placement, .. } =
+            self;
+        Input { reader, len, position, watch, next_report, is_cancelled, next_partial, read_fraction, placement }
     }
 
     /// Sets the fraction of the progress that stands for reading, for a format whose bytes are all read before most

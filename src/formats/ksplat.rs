@@ -197,7 +197,7 @@ pub(crate) fn read(input: &mut Input) -> Result<Scene> {
     let header = Header::parse(&bytes)?;
     let sections = sections(input, &header)?;
     let sh_degree = sections.iter().filter(|s| s.count > 0).map(|s| s.sh_degree).max().unwrap_or(0);
-    let mut builder = Builder::new(sh_degree, header.count as usize)?;
+    let mut builder = input.builder(sh_degree, header.count as usize)?;
     for section in &sections {
         read_section(input, section, header.level, &mut builder)?;
     }

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scene::harmonics::C0;
-use crate::scene::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
+use crate::scene::{Gaussians, LoadReport, MAX_SH_DEGREE, sh_coefficients};
 
 /// The difference of one attribute between two scenes, over all Gaussians.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -68,6 +68,17 @@ impl Loss {
             largest(at(before.sh(i), k), at(after.sh(i), k))
         }));
         rows
+    }
+
+    /// The loss of a file with that of reading its scene, which rounds positions to 32-bit floats. The sum of both is
+    /// an upper bound.
+    pub fn with_reading(mut all: Vec<Self>, report: &LoadReport) -> Vec<Self> {
+        let kept = report.read.saturating_sub(report.dropped()).max(1);
+        if let Some(position) = all.iter_mut().find(|loss| loss.attribute == "position") {
+            position.largest += report.displacement;
+            position.rms += (report.displacement_squares / kept as f64).sqrt();
+        }
+        all
     }
 
     /// The loss of the SH degrees above `kept`, which a format leaves out.

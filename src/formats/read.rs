@@ -10,7 +10,7 @@ use super::training::with_settings;
 use super::{BlockReader, Format, Reader, Recognition, Request, labels, packed};
 use crate::host_memory::OutOfMemory;
 use crate::procedural::Procedural;
-use crate::scene::{Cancelled, Gaussians, LoadReport, NoLevel, Scene, Transform, Unreadable, Watch};
+use crate::scene::{Cancelled, Gaussians, LoadReport, NoLevel, Placement, Scene, Transform, Unreadable, Watch};
 
 /// Bytes that no signature exceeds.
 pub(crate) const SIGNATURE_BYTES: usize = 8;
@@ -24,7 +24,7 @@ pub struct Reading {
     pub level: Option<u32>,
     /// Axes x, y, z that are reversed with respect to the format.
     pub flip: [bool; 3],
-    /// Applied to the scene after its axes are flipped.
+    /// Applied to the scene after its axes are flipped, before its positions are rounded to 32-bit floats.
     pub transform: Transform,
 }
 
@@ -44,9 +44,7 @@ impl Reading {
     /// # Errors
     /// Those of [`Reading::read`], and [`Cancelled`].
     pub fn read_watched(&self, path: &Path, watch: &Watch) -> Result<Scene> {
-        let read = read_any(path, self.level, watch)
-            .and_then(|scene| Ok(Scene { gaussians: self.placed(scene.gaussians)?, ..scene }));
-        read.map_err(|problem| failure(path, problem, watch))
+        read_any(path, self, watch).map_err(|problem| failure(path, problem, watch))
     }
 
     /// True if [`Reading::read_blocks`] reads a file. False, too, if nothing reads it.
@@ -72,13 +70,12 @@ impl Reading {
         // What `take` refuses is no fault of the file.
         let mut refused = None;
         let mut take = |block: Gaussians, of: usize| {
-            let taken = take(self.placed(block)?, of);
-            taken.map_err(|problem| {
+            take(block, of).map_err(|problem| {
                 refused = Some(problem);
                 Cancelled.into()
             })
         };
-        let read = read_any_blocks(path, watch, &mut take);
+        let read = read_any_blocks(path, self.placement(), watch, &mut take);
         match refused {
             Some(problem) => Err(problem),
             None => read.map_err(|problem| failure(path, problem, watch)),
@@ -93,17 +90,27 @@ impl Reading {
         if self.level.is_some() {
             return Err(NoLevel { path: procedural.name().to_owned(), ..NoLevel::none() }.into());
         }
-        let scene = procedural.make()?;
-        Ok(Scene { gaussians: self.placed(scene.gaussians)?, ..scene })
+        self.placed(procedural.make()?)
     }
 
-    /// Flips and transforms the Gaussians of a scene, or a part of them.
+    /// A scene that no reader of this module made, or a part of it, flipped and transformed.
     ///
     /// # Errors
-    /// If a mean leaves the range of 32-bit floats, or [`OutOfMemory`].
-    pub fn placed(&self, gaussians: Gaussians) -> Result<Gaussians> {
-        let flipped = if self.flip == [false; 3] { gaussians } else { gaussians.flipped(self.flip) };
-        if self.transform == Transform::IDENTITY { Ok(flipped) } else { flipped.transformed(&self.transform) }
+    /// If none of its Gaussians can be drawn then, or [`OutOfMemory`].
+    pub fn placed(&self, scene: Scene) -> Result<Scene> {
+        let placement = self.placement();
+        if placement == Placement::IDENTITY {
+            return Ok(scene);
+        }
+        let Scene { gaussians, report, .. } = scene;
+        let (gaussians, placed) = gaussians.placed(&placement)?;
+        let report = LoadReport { read: report.read, ..report.and(&placed) };
+        check_drawable(&report)?;
+        Ok(Scene { gaussians, report, ..scene })
+    }
+
+    fn placement(&self) -> Placement {
+        Placement::new(self.flip, &self.transform)
     }
 }
 
@@ -175,9 +182,9 @@ fn lacks_memory(problem: &anyhow::Error) -> bool {
     kinds.into_iter().any(|kind| kind == std::io::ErrorKind::OutOfMemory)
 }
 
-fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
-    let path = &sog::in_folder(path);
-    let mut input = Input::open(path, watch)?;
+fn read_any(path: &Path, reading: &Reading, watch: &Watch) -> Result<Scene> {
+    let (path, level) = (&sog::in_folder(path), reading.level);
+    let mut input = Input::placed(path, watch, reading.placement())?;
     let scene = match packed::gzip_content(&mut input)? {
         // SPZ 1 to 3 is read from its stream.
         Some(begin) if !begin.starts_with(b"NGSP") || begin.get(4) == Some(&4) => {
@@ -185,11 +192,17 @@ fn read_any(path: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
         }
         _ => read_open(input, &Request { path, level, watch })?,
     };
-    let LoadReport { read, .. } = scene.report;
-    ensure!(read > 0, "the scene holds no Gaussians");
-    let is_drawable = !scene.gaussians.is_empty() || scene.report.is_clean();
-    ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {}", scene.report);
+    check_drawable(&scene.report)?;
     Ok(with_settings(scene, path))
+}
+
+/// Fails if there are no Gaussians, or all were dropped and some of them for wrong values.
+fn check_drawable(report: &LoadReport) -> Result<()> {
+    let read = report.read;
+    ensure!(read > 0, "the scene holds no Gaussians");
+    let is_drawable = read > report.dropped() || report.is_clean();
+    ensure!(is_drawable, "none of its {read} Gaussians can be drawn: {report}");
+    Ok(())
 }
 
 /// Reads a file that is open. Its path is that of its format and of the files that it names.
@@ -215,22 +228,24 @@ fn read_gzip(input: Input, begin: &[u8], request: &Request) -> Result<Scene> {
         Some(_) => {}
     }
     let unpacking = Watch { progress: &|fraction| (watch.progress)(UNPACKED * fraction), ..*watch };
+    let placement = input.placement();
     let unpacked = packed::unpack_gzip(input.watched_by(&unpacking))?;
     let reading = Watch { progress: &|fraction| (watch.progress)(UNPACKED + (1.0 - UNPACKED) * fraction), ..*watch };
-    read_open(Input::open(&unpacked.path(), &reading)?, &Request { path, level, watch: &reading })
+    read_open(Input::placed(&unpacked.path(), &reading, placement)?, &Request { path, level, watch: &reading })
 }
 
 fn read_any_blocks(
     path: &Path,
+    placement: Placement,
     watch: &Watch,
     take: &mut dyn FnMut(Gaussians, usize) -> Result<()>,
 ) -> Result<Option<Scene>> {
     let path = &sog::in_folder(path);
-    let mut input = Input::open(path, watch)?;
-    match block_reader(&mut input, path)? {
-        Some(blocks) => Ok((blocks.read)(&mut input, take)?.map(|scene| with_settings(scene, path))),
-        None => Ok(None),
-    }
+    let mut input = Input::placed(path, watch, placement)?;
+    let Some(blocks) = block_reader(&mut input, path)? else { return Ok(None) };
+    let scene = (blocks.read)(&mut input, take)?;
+    scene.iter().try_for_each(|scene| check_drawable(&scene.report))?;
+    Ok(scene.map(|scene| with_settings(scene, path)))
 }
 
 /// The format of a file. Fails if the file is empty.

@@ -119,6 +119,9 @@ impl Header {
         }
         let LoadReport { too_large, negative_scale, opacity_range, clamped_opacity, .. } = self.report;
         [too_large, negative_scale, opacity_range, clamped_opacity].iter().for_each(|n| out.u64(*n as u64));
+        let LoadReport { vanished, displaced, displacement, displacement_squares, .. } = self.report;
+        [vanished, displaced].iter().for_each(|n| out.u64(*n as u64));
+        out.f64s(&[displacement, displacement_squares]);
         let mut bytes = out.0;
         bytes.resize(HEADER - 8, 0);
         bytes.extend(XxHash3_64::oneshot(&bytes).to_le_bytes());
@@ -170,6 +173,8 @@ impl Header {
         report.negative_scale = from.u64()? as usize;
         report.opacity_range = from.u64()? as usize;
         report.clamped_opacity = from.u64()? as usize;
+        [report.vanished, report.displaced] = [from.u64()? as usize, from.u64()? as usize];
+        [report.displacement, report.displacement_squares] = from.f64s()?;
         let header = Self {
             statistics,
             layout,

@@ -27,7 +27,7 @@ pub fn read(reading: &Reading, path: &Path, watch: &Watch) -> Result<Scene> {
     }
     let file = PageFile::open(path)?;
     let scene = whole(&file, watch)?;
-    Ok(Scene { gaussians: reading.placed(scene.gaussians)?, ..scene })
+    reading.placed(scene)
 }
 
 fn whole(file: &PageFile, watch: &Watch) -> Result<Scene> {

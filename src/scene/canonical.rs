@@ -3,8 +3,10 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
+use super::placement::{Placement, Placer};
 use super::{Gaussians, LoadReport, sh_coefficients};
 use crate::host_memory::OutOfMemory;
 
@@ -61,6 +63,7 @@ pub struct Builder {
     gaussians: Gaussians,
     kept: usize,
     report: LoadReport,
+    placer: Placer,
 }
 
 /// Gaussians per block of a reader: enough to share among threads, few enough to need little memory.
@@ -75,7 +78,13 @@ impl Builder {
     /// # Errors
     /// [`OutOfMemory`] if the capacity cannot be allocated.
     pub fn new(sh_degree: u32, capacity: usize) -> Result<Self, OutOfMemory> {
-        Ok(Self { gaussians: Gaussians::zeros(sh_degree, capacity)?, kept: 0, report: LoadReport::default() })
+        let (gaussians, report) = (Gaussians::zeros(sh_degree, capacity)?, LoadReport::default());
+        Ok(Self { gaussians, kept: 0, report, placer: Placer::new(&Placement::IDENTITY) })
+    }
+
+    /// Sets where the Gaussians lie that are added from now on.
+    pub(crate) fn place(&mut self, placer: Placer) {
+        self.placer = placer;
     }
 
     /// Adds `count` Gaussians; Gaussians that cannot be drawn are dropped and counted. `decode(index, sh)` returns
@@ -88,7 +97,8 @@ impl Builder {
             resize(all, range.end);
         }
         let parts = parts(all, range.clone()).enumerate();
-        let reports: Vec<_> = parts.map(|(i, part)| part.fill(|k, sh| decode(i * PART + k, sh))).collect();
+        let placed = |index, sh: &mut [[f32; 3]]| self.placer.placed(decode(index, sh).into(), sh);
+        let reports: Vec<_> = parts.map(|(i, part)| part.fill(|k, sh| placed(i * PART + k, sh))).collect();
         for (i, report) in reports.iter().enumerate() {
             let (from, len) = (range.start + i * PART, report.read - report.dropped());
             if from != self.kept {
@@ -162,15 +172,17 @@ fn parts(all: &mut Gaussians, range: Range<usize>) -> impl IndexedParallelIterat
 
 impl Part<'_> {
     /// Decodes Gaussians up to the capacity of the block, and moves drawable ones to the front.
-    fn fill<G: Into<Activated>>(self, decode: impl Fn(usize, &mut [[f32; 3]]) -> G) -> LoadReport {
+    fn fill(self, decode: impl Fn(usize, &mut [[f32; 3]]) -> Activated) -> LoadReport {
         let mut report = LoadReport::default();
         let stride = self.sh.len() / self.means.len();
         let mut kept = 0;
         for index in 0..self.means.len() {
             let sh = &mut self.sh[kept * stride..][..stride];
             report.read += 1;
-            match canonical(&decode(index, sh).into(), sh) {
+            let stored = decode(index, sh);
+            match canonical(&stored, sh) {
                 Ok(gaussian) => {
+                    report.count_rounding(&stored, &gaussian);
                     self.means[kept] = gaussian.mean;
                     self.scales[kept] = gaussian.scale;
                     self.rotations[kept] = gaussian.rotation;
@@ -191,6 +203,27 @@ impl Part<'_> {
             sh.fill([0.0; 3]);
         }
         report
+    }
+}
+
+/// Distance by which a mean may be rounded, in largest standard deviations: it changes no alpha by more than 0.06.
+const MAX_ROUNDING: f64 = 0.1;
+
+impl LoadReport {
+    /// Counts what the rounding to 32-bit floats does to a Gaussian.
+    fn count_rounding(&mut self, stored: &Activated, rounded: &Canonical) {
+        let (mean, is_point) = (rounded.mean.map(f64::from), rounded.scale == [0.0; 3]);
+        if mean == stored.mean && !is_point {
+            return;
+        }
+        // Squares of tiny distances would be 0.
+        let [x, y, z] = (DVec3::from(stored.mean) - DVec3::from(mean)).to_array();
+        let distance = x.hypot(y).hypot(z);
+        let size = stored.scale.into_iter().fold(0.0, f64::max);
+        self.displacement = self.displacement.max(distance);
+        self.displacement_squares += distance * distance;
+        self.displaced += usize::from(distance > MAX_ROUNDING * size);
+        self.vanished += usize::from(is_point && size > 0.0);
     }
 }
 
@@ -273,7 +306,7 @@ const UNIT_TOLERANCE: f64 = 2.4e-7;
 
 /// The quaternion normalized; `None` for length zero. It is scaled first so that no square over- or underflows. A
 /// rounded unit quaternion is returned unchanged, so that writing and reading keep its bits.
-fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
+pub(super) fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
     if (q.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < UNIT_TOLERANCE {
         return Some(q);
     }

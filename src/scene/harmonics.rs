@@ -1,9 +1,9 @@
 //! Real spherical harmonics with the basis and signs of the original 3DGS (Kerbl et al. 2023; Sloan 2013 for the
 //! polynomials), and the rotation of their coefficients.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DVec3};
 
 use super::{MAX_SH_DEGREE, sh_coefficients};
 
@@ -84,36 +84,39 @@ pub fn flip_sign(index: usize, axes: [bool; 3]) -> f32 {
     if flips % 2 == 1 { -1.0 } else { 1.0 }
 }
 
-/// The matrix that rotates coefficients with a scene. Degrees do not mix: it has blocks of size 1, 3, 5, 7 and 9.
+/// The matrix that turns coefficients with a scene, by a rotation or a rotation that mirrors. Degrees do not mix: it
+/// has blocks of size 1, 3, 5 and so on.
+#[derive(Clone, Debug)]
 pub struct Turn([[f64; FUNCTIONS]; FUNCTIONS]);
 
+/// Deviation of an entry from 0 or 1 by rounding. Axes that are exchanged or reversed keep every coefficient.
+const ENTRY_TOLERANCE: f64 = 1e-14;
+
 impl Turn {
-    /// The rotated basis projected on the basis: row j, column i is the integral of Y_j(d) Y_i(R^-1 d) over the sphere.
-    /// The product is a polynomial of degree 8 or less, for which 5 Gauss-Legendre nodes in z times 9 equal steps of
-    /// azimuth are exact (Abramowitz and Stegun 1964, 25.4.30). `rotation` must have unit length.
-    pub fn new(rotation: DQuat) -> Self {
-        const STEPS: u32 = 2 * MAX_SH_DEGREE + 1;
-        let weight = |sign: f64| (322.0 + sign * 13.0 * 70_f64.sqrt()) / 900.0;
-        let node = |sign: f64| (5.0 + sign * 2.0 * (10.0_f64 / 7.0).sqrt()).sqrt() / 3.0;
-        let (inner, outer) = ((node(-1.0), weight(1.0)), (node(1.0), weight(-1.0)));
-        let nodes = [(0.0, 128.0 / 225.0), inner, (-inner.0, inner.1), outer, (-outer.0, outer.1)];
-        let back = rotation.conjugate();
+    /// The turned basis projected on the basis: row j, column i is the integral of Y_j(d) Y_i(R^-1 d) over the sphere.
+    /// The product is a polynomial of degree 2 L or less, for which 2 L + 1 nodes of Fejer's first rule in z (weights:
+    /// Waldvogel 2006) times as many equal steps of azimuth are exact. `turn` must be orthogonal.
+    pub fn new(turn: DMat3) -> Self {
+        let nodes = 2 * MAX_SH_DEGREE + 1;
+        let (n, back) = (f64::from(nodes), turn.transpose());
         let mut matrix = [[0.0; FUNCTIONS]; FUNCTIONS];
-        for (z, weight) in nodes {
-            for step in 0..STEPS {
-                let (sin, cos) = (TAU * f64::from(step) / f64::from(STEPS)).sin_cos();
-                let r = (1.0 - z * z).sqrt();
-                let direction = DVec3::new(r * cos, r * sin, z);
+        for node in 0..nodes {
+            let angle = (f64::from(node) + 0.5) * PI / n;
+            let terms = (1..=nodes / 2).map(|j| f64::from(j)).map(|j| (2.0 * j * angle).cos() / (4.0 * j * j - 1.0));
+            let weight = 2.0 / n * (1.0 - 2.0 * terms.sum::<f64>()) * TAU / n;
+            for step in 0..nodes {
+                let (sin, cos) = (TAU * f64::from(step) / n).sin_cos();
+                let direction = DVec3::new(angle.sin() * cos, angle.sin() * sin, angle.cos());
                 let (values, turned) = (basis(direction.to_array()), basis((back * direction).to_array()));
                 for (row, a) in matrix.iter_mut().zip(values) {
-                    row.iter_mut().zip(turned).for_each(|(sum, b)| *sum += weight * TAU / f64::from(STEPS) * a * b);
+                    row.iter_mut().zip(turned).for_each(|(sum, b)| *sum += weight * a * b);
                 }
             }
         }
-        Self(matrix)
+        Self(matrix.map(|row| row.map(|v| if (v - v.round()).abs() < ENTRY_TOLERANCE { v.round() } else { v })))
     }
 
-    /// Rotates the coefficients of one Gaussian, of any degree, in f64.
+    /// Turns the coefficients of one Gaussian, of any degree, in f64.
     pub fn apply(&self, sh: &mut [[f32; 3]]) {
         let mut degree = 1;
         while degree * degree < sh.len() {
@@ -133,10 +136,11 @@ impl Turn {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DQuat;
 
     #[test]
     fn a_turn_mixes_no_degrees_and_keeps_lengths() {
-        let Turn(matrix) = Turn::new(DQuat::from_xyzw(0.1, -0.7, 0.3, 0.4).normalize());
+        let Turn(matrix) = Turn::new(DMat3::from_quat(DQuat::from_xyzw(0.1, -0.7, 0.3, 0.4).normalize()));
         for (j, row) in matrix.iter().enumerate() {
             for (i, value) in row.iter().enumerate() {
                 assert!(j.isqrt() == i.isqrt() || value.abs() < 1e-14, "{j} {i}: {value}");
@@ -148,15 +152,31 @@ mod tests {
         }
     }
 
+    /// Of a rotation, and of one that mirrors.
     #[test]
     fn the_turned_basis_is_the_basis_seen_from_the_direction_turned_back() {
-        let rotation = DQuat::from_xyzw(-0.5, 0.2, 0.8, 0.1).normalize();
-        let Turn(matrix) = Turn::new(rotation);
-        for direction in [DVec3::X, DVec3::NEG_Y, DVec3::new(1.0, -2.0, 0.5).normalize()] {
-            let (now, before) = (basis(direction.to_array()), basis((rotation.conjugate() * direction).to_array()));
-            for (i, expected) in before.iter().enumerate() {
-                let sum: f64 = (0..FUNCTIONS).map(|j| matrix[j][i] * now[j]).sum();
-                assert!((sum - expected).abs() < 1e-13, "{i}");
+        let rotation = DMat3::from_quat(DQuat::from_xyzw(-0.5, 0.2, 0.8, 0.1).normalize());
+        for turn in [rotation, -rotation, rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, 1.0))] {
+            let Turn(matrix) = Turn::new(turn);
+            for direction in [DVec3::X, DVec3::NEG_Y, DVec3::new(1.0, -2.0, 0.5).normalize()] {
+                let (now, before) = (basis(direction.to_array()), basis((turn.transpose() * direction).to_array()));
+                for (i, expected) in before.iter().enumerate() {
+                    let sum: f64 = now.iter().zip(&matrix).map(|(now, row)| row[i] * now).sum();
+                    assert!((sum - expected).abs() < 1e-13, "{i}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn reversed_axes_change_only_signs() {
+        for axes in [[true, false, false], [false, true, true], [true; 3]] {
+            let signs = axes.map(|flip| if flip { -1.0 } else { 1.0 });
+            let Turn(matrix) = Turn::new(DMat3::from_diagonal(signs.into()));
+            for (j, row) in matrix.iter().enumerate() {
+                for (i, value) in row.iter().enumerate() {
+                    assert_eq!(*value, if i == j { f64::from(flip_sign(i, axes)) } else { 0.0 }, "{j} {i}");
+                }
             }
         }
     }

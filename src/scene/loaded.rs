@@ -30,6 +30,15 @@ pub struct LoadReport {
     pub clamped_scale: usize,
     /// Kept: the opacity was above 1 by up to 0.01, a rounding, and became 1.
     pub clamped_opacity: usize,
+    /// Kept: all standard deviations were below the range of 32-bit floats and became 0.
+    pub vanished: usize,
+    /// Kept: the rounding to 32-bit floats moved the mean by over a tenth of the largest standard deviation.
+    pub displaced: usize,
+    /// Largest distance by which the rounding to 32-bit floats moved a mean, in world units.
+    pub displacement: f64,
+    /// Sum of the squares of these distances.
+    #[serde(skip)]
+    pub displacement_squares: f64,
 }
 
 impl LoadReport {
@@ -55,12 +64,26 @@ impl LoadReport {
             transparent: self.transparent + other.transparent,
             clamped_scale: self.clamped_scale + other.clamped_scale,
             clamped_opacity: self.clamped_opacity + other.clamped_opacity,
+            vanished: self.vanished + other.vanished,
+            displaced: self.displaced + other.displaced,
+            displacement: self.displacement.max(other.displacement),
+            displacement_squares: self.displacement_squares + other.displacement_squares,
         }
+    }
+
+    /// Number of Gaussians that were kept, but changed.
+    fn changed(&self) -> usize {
+        self.clamped_scale + self.clamped_opacity + self.vanished + self.displaced
+    }
+
+    /// What was dropped or changed, as a clause.
+    pub fn notice(&self) -> Option<String> {
+        (self.dropped() + self.changed() > 0).then(|| format!("of {} Gaussians {self}", self.read))
     }
 
     /// True if nothing was changed by more than a rounding, and only invisible Gaussians were dropped.
     pub fn is_clean(&self) -> bool {
-        self.unusable() + self.clamped_scale == 0
+        self.unusable() + self.clamped_scale + self.vanished + self.displaced == 0
     }
 }
 
@@ -76,8 +99,15 @@ impl fmt::Display for LoadReport {
             (self.transparent, "dropped as fully transparent"),
             (self.clamped_scale, "with a scale clamped to the largest float"),
             (self.clamped_opacity, "with an opacity just above 1, drawn as 1"),
+            (self.vanished, "with scales below the smallest float, which became 0"),
         ];
-        let parts: Vec<_> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        let mut parts: Vec<_> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        if self.displaced > 0 {
+            let (displaced, most) = (self.displaced, self.displacement);
+            parts.push(format!(
+                "{displaced} moved by over a tenth of their size, up to {most:.2e}, by rounding to 32-bit floats"
+            ));
+        }
         f.write_str(if parts.is_empty() { "nothing dropped" } else { "" })?;
         f.write_str(&parts.join(", "))
     }
@@ -86,9 +116,9 @@ impl fmt::Display for LoadReport {
 /// Differences between a scene and its file, one sentence each.
 pub fn remarks(name: &str, report: &LoadReport, notices: &[String]) -> Vec<String> {
     let mut remarks: Vec<String> = notices.iter().map(|notice| format!("note: {name}: {notice}")).collect();
-    if report.dropped() + report.clamped_scale + report.clamped_opacity > 0 {
+    if let Some(said) = report.notice() {
         let level = if report.is_clean() { "note" } else { "warning" };
-        remarks.push(format!("{level}: {name}: of {} Gaussians {report}", report.read));
+        remarks.push(format!("{level}: {name}: {said}"));
     }
     remarks
 }

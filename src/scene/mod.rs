@@ -6,6 +6,7 @@
 //! - `loaded` - a scene with its load report, and the errors of reading
 //! - `watch` - progress, partial scenes and cancelling while a scene is read
 //! - `transform`, `edit` - rigid transforms with a scale; flips, selections and joins
+//! - `placement` - where the Gaussians of a file lie: axes, affine maps of nodes and of the caller
 //! - `instances` - copies of a scene with a transform each
 //! - `bounds` - the box of a scene, and the sphere that holds most of it
 //! - `harmonics`, `rotation` - spherical harmonics; quaternions and their encoding
@@ -26,6 +27,7 @@ pub mod harmonics;
 mod instances;
 mod loaded;
 pub(crate) mod morton;
+mod placement;
 mod random;
 mod requirements;
 mod rotation;
@@ -60,5 +62,6 @@ pub use rotation::{decode_rotation, encode_rotation};
 pub(crate) use canonical::{BLOCK, logit};
 pub(crate) use edit::{axis_signs, rotation_signs};
 pub(crate) use gaussians::rest_values;
+pub(crate) use placement::{Placement, Placer};
 pub(crate) use random::Random;
 pub(crate) use rotation::from_smallest_three;

@@ -1,15 +1,14 @@
 //! Places scenes in a world (rotation, translation, scale) and joins several into one.
 
 use anyhow::{Result, bail, ensure};
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::harmonics::Turn;
 use super::{Gaussians, sh_coefficients};
 use crate::host_memory::{OutOfMemory, host_vec};
 
-/// A similarity from local to world axes: `world = scale * rotation * local + translation`. It never mirrors, because
-/// the rotation of a Gaussian could not.
+/// A similarity from local to world axes: `world = scale * rotation * local + translation`. It never mirrors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transform {
     rotation: DQuat,
@@ -22,9 +21,6 @@ impl Default for Transform {
         Self::IDENTITY
     }
 }
-
-/// Largest deviation of matrix entries from a similarity, relative to its scale: the rounding of 32-bit floats.
-const MATRIX_TOLERANCE: f64 = 1e-5;
 
 impl Transform {
     /// The identity.
@@ -40,24 +36,6 @@ impl Transform {
         ensure!(translation.is_finite(), "the translation {:?} is not finite", translation.to_array());
         ensure!(scale.is_finite() && scale > 0.0, "the scale {scale:?} is not over 0 and finite");
         Ok(Self { rotation: rotation / length, translation, scale })
-    }
-
-    /// A similarity from its matrix.
-    ///
-    /// # Errors
-    /// If the matrix shears, mirrors, scales the axes differently, is not affine or not finite.
-    pub fn from_matrix(matrix: &DMat4) -> Result<Self> {
-        ensure!(matrix.is_finite(), "the matrix is not finite");
-        ensure!(matrix.row(3).to_array() == [0.0, 0.0, 0.0, 1.0], "the last row of the matrix is not 0 0 0 1");
-        let linear = DMat3::from_mat4(*matrix);
-        let determinant = linear.determinant();
-        ensure!(determinant != 0.0, "the matrix has no inverse");
-        ensure!(determinant > 0.0, "the matrix mirrors, which Gaussians cannot follow");
-        let scale = determinant.cbrt();
-        let turn = linear * scale.recip();
-        let error = (turn * turn.transpose() - DMat3::IDENTITY).to_cols_array().map(f64::abs);
-        ensure!(error.iter().all(|e| *e < MATRIX_TOLERANCE), "the matrix shears, or scales the axes differently");
-        Self::new(DQuat::from_mat3(&turn), matrix.w_axis.truncate(), scale)
     }
 
     /// The rotation, of unit length.
@@ -130,7 +108,7 @@ impl Gaussians {
             let q = (rotation * DQuat::from_xyzw(x, y, z, w)).normalize();
             *local = [q.w, q.x, q.y, q.z].map(|v| v as f32);
         });
-        let turn = Turn::new(rotation);
+        let turn = Turn::new(DMat3::from_quat(rotation));
         self.sh.par_chunks_exact_mut(sh_coefficients(self.sh_degree)).for_each(|sh| turn.apply(sh));
     }
 

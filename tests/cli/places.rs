@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use super::shards::cameras;
 use crate::common::program::{fails, ok, path};
+use crate::common::table::fixture;
 
 fn list(folder: &tempfile::TempDir, name: &str, places: &Value) -> String {
     let file = path(folder, name);
@@ -75,4 +76,46 @@ fn resume_and_verify_compare_the_list() {
         assert!(run(other, "--resume", 2).contains("had other settings (places, scene)"));
         assert!(run(other, "--verify", 6).contains("2 of 2 files are wrong: 2 of other settings"));
     }
+}
+
+/// Positions in doubles at 5301 km, where 32-bit floats are 0.5 apart.
+#[test]
+fn convert_moves_positions_before_they_are_rounded() {
+    let (folder, scene) = (tempfile::tempdir().unwrap(), fixture("far/utm.ply").display().to_string());
+    let (out, json) = (path(&folder, "a.ply"), path(&folder, "a.json"));
+    let position = |report: &Value| report["loss"][0]["largest"].as_f64().unwrap();
+    let convert = |scene: &str, steps: &[&str]| -> Value {
+        let steps = steps.iter().flat_map(|step| ["--transform", step]);
+        ok(&["convert", scene, &out, "--json", &json].into_iter().chain(steps).collect::<Vec<_>>());
+        serde_json::from_slice(&fs::read(&json).unwrap()).unwrap()
+    };
+    let report = convert(&scene, &["translate=-500123.37,-5301234.61,-412.125"]);
+    assert!(position(&report) < 1e-7 && report["notices"] == json!([]), "{report}");
+    let expected = [[0.0; 3], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3], [0.21, 0.21, 0.06]];
+    let found = smalto::formats::read(&out).unwrap().gaussians;
+    for (found, expected) in found.means().as_flattened().iter().zip(expected.as_flattened()) {
+        assert!((f64::from(*found) - expected).abs() < 3e-8, "{found}, not {expected}");
+    }
+    for steps in [&[][..], &["scale=1e-300"]] {
+        let report = convert(&scene, steps);
+        assert!(position(&report) > 0.0, "{report}");
+        let notice = report["notices"][0].as_str().unwrap();
+        assert!(
+            notice.starts_with("of 5 Gaussians") && notice.contains("moved by over a tenth of their size"),
+            "{notice}"
+        );
+    }
+    let far = ["--transform", "translate=1e300,0,0"];
+    let said = fails(4, &["convert", &scene, &out, far[0], far[1]]);
+    assert!(
+        said.contains("none of its 5 Gaussians can be drawn: 5 dropped as") && said.contains("too large"),
+        "{said}"
+    );
+    let said = fails(1, &["convert", "cactus:10", &out, far[0], far[1]]);
+    assert!(said.contains("none of its 10 Gaussians can be drawn") && said.contains("too large"), "{said}");
+    let said = fails(4, &["convert", &scene, &path(&folder, "a.smalto"), far[0], far[1]]);
+    assert!(said.contains("Gaussians"), "{said}");
+    // What a file holds beside Gaussians is in the report, too.
+    let report = convert(&fixture("variant.2dgs.ply").display().to_string(), &[]);
+    assert!(report["notices"][0].as_str().unwrap().contains("it has two scales"), "{report}");
 }

@@ -11,6 +11,8 @@ mod convert;
 mod degree_4;
 mod dialects;
 mod example;
+mod georeferenced;
+mod gltf_nodes;
 mod independent;
 mod named_files;
 mod packed;

@@ -142,10 +142,10 @@ pub(super) struct Report {
     removed: usize,
     /// Gaussians left out because the format rounds their opacity to 0.
     transparent: usize,
-    /// What the input files state and the output lacks or draws in another way.
+    /// What the input files state and the output lacks or draws in another way, and what was dropped or changed.
     notices: Vec<String>,
     /// Differences between the file, read back, and the scene as it would be drawn: of opacities after the sigmoid, of
-    /// unit rotations. Empty for pages.
+    /// unit rotations; of positions with their rounding when the scene was read. Empty for pages.
     loss: Vec<Loss>,
 }
 
@@ -162,18 +162,21 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
     }
     target.check(output, files.iter().map(PathBuf::as_path), args.no_clobber, args.writing.json.as_ref())?;
-    let inputs = Inputs { files, reading: args.reading, edits: &args.edits };
+    let inputs = Inputs { files, reading: args.reading.then(args.edits.placement()?), edits: &args.edits };
     let (written, removed, notices) = match target {
         Target::Pages => {
             pages::convert(inputs, output, pages::settings(args.storage, args.writing.host_memory, false))?
         }
         Target::Scene(kind) => {
-            let Scene { gaussians, is_antialiased, notices, .. } = read(inputs)?;
+            let Scene { gaussians, report, is_antialiased, mut notices, .. } = read(inputs)?;
             let before = gaussians.len();
             let gaussians = args.edits.applied(gaussians)?;
             ensure!(!gaussians.is_empty(), "none of {before} Gaussians is left");
             let removed = before - gaussians.len();
-            (write_scene(output, kind, gaussians, is_antialiased)?, removed, notices)
+            let written = write_scene(output, kind, gaussians, is_antialiased)?;
+            notices.extend(report.notice());
+            let loss = Loss::with_reading(written.loss, &report);
+            (Written { loss, ..written }, removed, notices)
         }
     };
     say_written(written, removed, notices, args.writing.json.as_ref())
@@ -190,6 +193,7 @@ fn say_written(written: Written, removed: usize, notices: Vec<String>, json: Opt
 /// Reads the inputs as one scene.
 fn read(Inputs { files, reading, .. }: Inputs) -> Result<Scene> {
     let (mut parts, mut notices, mut is_antialiased) = (Vec::new(), Vec::new(), None);
+    let mut report = LoadReport::default();
     for input in files {
         let scene = SceneArg { scene: input.clone(), reading }.read()?;
         if files.len() == 1 {
@@ -205,24 +209,22 @@ fn read(Inputs { files, reading, .. }: Inputs) -> Result<Scene> {
         }
         is_antialiased = Some(scene.is_antialiased);
         notices.extend(scene.notices.iter().map(|notice| format!("{}: {notice}", input.display())));
+        report = report.and(&scene.report);
         parts.push(scene.gaussians);
     }
     let gaussians = Gaussians::joined(parts.iter())?;
-    let report = LoadReport { read: gaussians.len(), ..LoadReport::default() };
     let is_antialiased = is_antialiased.unwrap_or(false);
     Ok(Scene { gaussians, report, is_antialiased, notices, ..Scene::empty("several files") })
 }
 
 impl Edits {
-    /// The Gaussians after all changes.
+    /// The steps of `--transform`, one after another. They are applied when the scene is read.
+    fn placement(&self) -> Result<Transform> {
+        self.transform.iter().try_fold(Transform::IDENTITY, |all, step| all.then(step))
+    }
+
+    /// The Gaussians after all other changes.
     fn applied(&self, mut gaussians: Gaussians) -> Result<Gaussians> {
-        let mut transform = Transform::IDENTITY;
-        for step in &self.transform {
-            transform = transform.then(step)?;
-        }
-        if transform != Transform::IDENTITY {
-            gaussians = gaussians.transformed(&transform)?;
-        }
         if self.crop.is_some() || self.min_opacity.is_some() {
             let least = self.min_opacity.unwrap_or(0.0) as f32;
             let is_kept = |i: &u32| {

@@ -55,7 +55,8 @@ pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Wri
     if finished.resumed_levels > 0 {
         remark(&format!("{} parts of the levels were built by an earlier run", finished.resumed_levels));
     }
-    Ok((written(output, &finished)?, removed, finished.notices))
+    let notices = finished.notices.iter().cloned().chain(finished.header.report.notice()).collect();
+    Ok((written(output, &finished)?, removed, notices))
 }
 
 fn written(output: &Path, finished: &Finished) -> Result<Written> {
@@ -96,8 +97,8 @@ fn streamed(inputs: Inputs, input: &SceneArg, job: &Job) -> Result<Option<(Finis
         let mut take = |block: Gaussians, of: usize| take(edits.applied(block)?, of);
         reading.read_blocks(&path, &watch, &mut take)?.context("the file was changed while it was read")
     };
-    let Edits { transform, crop, min_opacity, sh_degree } = edits;
-    let changes = format!("{reading:?} {transform:?} {crop:?} {min_opacity:?} {sh_degree:?}");
+    let Edits { transform: _, crop, min_opacity, sh_degree } = edits;
+    let changes = format!("{reading:?} {crop:?} {min_opacity:?} {sh_degree:?}");
     let finished = write_blocks(job, &path, &blocks, &changes)?;
     let header = &finished.header;
     let report = header.report;
@@ -116,8 +117,9 @@ fn town_in_order(inputs: Inputs, town: Procedural, job: &Job) -> Result<(Finishe
         let mut report = LoadReport::default();
         for first in (0..town.count()).step_by(MADE) {
             let (block, made) = town.fill(first..town.count().min(first + MADE))?;
-            report = report.and(&made);
-            take(inputs.edits.applied(reading.placed(block)?)?, town.count())?;
+            let Scene { gaussians, report: placed, .. } = reading.placed(Scene::made(town.name(), block, made))?;
+            report = report.and(&placed);
+            take(inputs.edits.applied(gaussians)?, town.count())?;
         }
         Ok(Scene { report, ..Scene::empty(&format_of(inputs, &format!("procedural {}", town.name()))?) })
     };
@@ -141,6 +143,6 @@ fn whole(inputs: Inputs, job: &Job) -> Result<(Finished, usize)> {
 fn format_of(Inputs { reading, edits, .. }: Inputs, format: &str) -> Result<String> {
     let reading = reading.reading()?;
     let is_placed = reading.flip != [false; 3] || reading.transform != Transform::IDENTITY;
-    let is_changed = is_placed || !edits.transform.is_empty() || edits.crop.is_some() || edits.min_opacity.is_some();
+    let is_changed = is_placed || edits.crop.is_some() || edits.min_opacity.is_some();
     Ok(if is_changed { format!("{format}, changed") } else { format.to_owned() })
 }

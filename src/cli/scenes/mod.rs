@@ -57,8 +57,7 @@ impl SceneArg {
     pub fn file(&self) -> Option<SceneFile> {
         let path = self.path()?;
         let names_others = path.extension().is_some_and(|end| end == "json" || end == "gltf");
-        let ReadingArgs { up, flip, lod } = &self.reading;
-        if names_others || up.is_some() || flip.is_some() || lod.is_some() {
+        if names_others || !self.reading.is_plain() {
             return None;
         }
         let data = path.metadata().ok().filter(|data| data.is_file())?;
@@ -127,9 +126,8 @@ impl SceneArg {
 
     /// The page file of the scene, if it is one and is read as it is.
     pub fn page_file(&self) -> Result<Option<PageFile>> {
-        let ReadingArgs { up, flip, lod } = &self.reading;
         let path = self.path().filter(|path| pagefile::is_page_file(path));
-        match path.filter(|_| up.is_none() && flip.is_none() && lod.is_none()) {
+        match path.filter(|_| self.reading.is_plain()) {
             Some(path) => Ok(Some(PageFile::open(&path)?)),
             None => Ok(None),
         }
@@ -204,6 +202,9 @@ pub(crate) struct ReadingArgs {
     /// Level of a streamed SOG (lod-meta.json), 0 is finest [default: 0]
     #[arg(long = "sog-level", help_heading = SCENE, value_name = "LEVEL", value_parser = whole::<u32>(0..=1000))]
     lod: Option<u32>,
+    /// Applied after `up` and `flip`, by commands that change scenes.
+    #[arg(skip)]
+    then: Transform,
 }
 
 /// The axes that are reversed.
@@ -211,11 +212,21 @@ pub(crate) struct ReadingArgs {
 struct Axes([bool; 3]);
 
 impl ReadingArgs {
+    /// The same reading, followed by a transform.
+    pub fn then(self, transform: Transform) -> Self {
+        Self { then: transform, ..self }
+    }
+
+    /// True if the file is read as it is.
+    fn is_plain(&self) -> bool {
+        self.up.is_none() && self.flip.is_none() && self.lod.is_none() && self.then == Transform::IDENTITY
+    }
+
     pub fn reading(&self) -> Result<Reading> {
         Ok(Reading {
             level: self.lod,
             flip: self.flip.map_or([false; 3], |Axes(axes)| axes),
-            transform: self.up.map_or(Ok(Transform::IDENTITY), upright)?,
+            transform: self.up.map_or(Ok(Transform::IDENTITY), upright)?.then(&self.then)?,
         })
     }
 }
@@ -227,7 +238,7 @@ impl ReadingArgs {
 pub fn reading(up: Option<&str>, flip: Option<&str>, lod: Option<u32>) -> Result<Reading> {
     let up = up.map(parse_up).transpose().context("up")?;
     let flip = flip.map(parse_axes).transpose().context("flip")?;
-    ReadingArgs { up, flip, lod }.reading()
+    ReadingArgs { up, flip, lod, ..ReadingArgs::default() }.reading()
 }
 
 /// The rotation from the axis `up` to -y. If `up` is the opposite axis, the rotation is about x.

@@ -5,7 +5,7 @@ use std::io::Write;
 use anyhow::{Context, Result};
 use serde_json::json;
 
-use super::read::{BINARY, DISPLAY, EXTENSION, JSON, MAGIC};
+use super::{BINARY, DISPLAY, EXTENSION, JSON, MAGIC};
 use crate::formats::rows::{Row, base_colour, to_byte, write_rows};
 use crate::scene::{Bounds, Gaussians, RIGHT_UP_BACK};
 

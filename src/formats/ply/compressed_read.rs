@@ -8,7 +8,7 @@ use super::header::{Element, Property, Scalar};
 use super::rows::{binary_rows, skip};
 use crate::formats::input::Input;
 use crate::scene::harmonics::C0;
-use crate::scene::{BLOCK, Builder, Raw, Scene, USUAL_SH_DEGREE, from_smallest_three, logit, rest_values};
+use crate::scene::{BLOCK, Raw, Scene, USUAL_SH_DEGREE, from_smallest_three, logit, rest_values};
 
 pub(crate) const CHUNK: usize = 256; // Gaussians that share their minima and maxima
 
@@ -49,7 +49,7 @@ pub(crate) fn read(input: &mut Input, elements: &[Element]) -> Result<Scene> {
         sh.len() / rest.max(1)
     );
 
-    let mut builder = Builder::new(sh_degree, count)?;
+    let mut builder = input.builder(sh_degree, count)?;
     let bands = rest / 3;
     let decode = |index: usize, coefficients: &mut [[f32; 3]]| {
         let [position, rotation, scale, colour] = vertices[index];

@@ -1,13 +1,14 @@
 //! Point clouds without Gaussians: each point becomes a ball whose size fits the distance to its neighbours.
 
 use anyhow::Result;
+use glam::DVec3;
 
 use super::header::Element;
 use super::layout::{Colour, all};
 use super::rows::Rows;
 use crate::formats::input::Input;
 use crate::host_memory::host_vec;
-use crate::scene::{BLOCK, Builder, Raw, Scene, logit, morton};
+use crate::scene::{BLOCK, Raw, Scene, logit, morton};
 
 /// Points before and after a point on the Z-order curve that are searched for its nearest neighbour.
 const NEIGHBOURS: usize = 8;
@@ -19,23 +20,23 @@ const GREY: [f32; 3] = [0.0; 3];
 pub(crate) fn read(input: &mut Input, rows: &mut Rows, kept: &Element) -> Result<Scene> {
     let position = all(kept, ["x", "y", "z"])?;
     let colour = Colour::channels(kept)?.map(|_| Colour::of(kept)).transpose()?;
-    let mut means: Vec<[f32; 3]> = host_vec(rows.count, "points")?;
+    let mut means: Vec<[f64; 3]> = host_vec(rows.count, "points")?;
     let mut colours: Vec<[f32; 3]> = host_vec(rows.count, "colours of points")?;
     let stride = kept.stride();
     for first in (0..rows.count).step_by(BLOCK) {
         let block = BLOCK.min(rows.count - first);
         let bytes = rows.next(input, first, block)?;
         for row in bytes.chunks_exact(stride) {
-            means.push(position.map(|p| p.read(row) as f32));
+            means.push(position.map(|p| p.read(row)));
             colours.push(colour.map_or(GREY, |colour| colour.read(row)));
         }
     }
     let radii = radii(&means);
-    let mut builder = Builder::new(0, means.len())?;
+    let mut builder = input.builder(0, means.len())?;
     builder.extend(means.len(), |index, sh| {
         sh[0] = colours[index];
         Raw {
-            mean: means[index].map(f64::from),
+            mean: means[index],
             log_scale: [f64::from(radii[index]).ln(); 3],
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity_logit: logit(OPACITY),
@@ -55,7 +56,11 @@ pub(crate) fn read(input: &mut Input, rows: &mut Rows, kept: &Element) -> Result
 
 /// Half the distance of each point to the nearest of its neighbours on the Z-order curve, limited to four times the
 /// median so that a remote point does not become a large ball.
-fn radii(means: &[[f32; 3]]) -> Vec<f32> {
+fn radii(means: &[[f64; 3]]) -> Vec<f32> {
+    // Neighbours far from the origin must not fall together.
+    let origin = means.iter().map(|mean| DVec3::from(*mean)).find(|mean| mean.is_finite()).unwrap_or(DVec3::ZERO);
+    let means: Vec<[f32; 3]> = means.iter().map(|mean| (DVec3::from(*mean) - origin).as_vec3().to_array()).collect();
+    let means = &means;
     let mut order: Vec<u32> = (0..means.len() as u32).collect();
     order.retain(|i| means[*i as usize].iter().all(|v| v.is_finite()));
     morton::sort(means, &mut order);

@@ -9,7 +9,7 @@ use super::layout::Layout;
 use super::rows::{Rows, skip};
 use super::{compressed_read, header, points};
 use crate::formats::input::{Input, TakeBlock};
-use crate::scene::{Activated, BLOCK, Builder, LoadReport, Scene};
+use crate::scene::{Activated, BLOCK, LoadReport, Scene};
 
 pub(crate) fn read(input: &mut Input) -> Result<Scene> {
     let header = header::read(input)?;
@@ -41,8 +41,8 @@ pub(crate) fn read_blocks(input: &mut Input, take: TakeBlock) -> Result<Option<S
     }
     let mut report = LoadReport::default();
     let of = rows.count;
-    let notices = blocks(input, &mut rows, |_, sh_degree, count, decode| {
-        let mut builder = Builder::new(sh_degree, count)?;
+    let notices = blocks(input, &mut rows, |input, sh_degree, count, decode| {
+        let mut builder = input.builder(sh_degree, count)?;
         builder.extend(count, decode);
         let (gaussians, part) = builder.finish();
         report = report.and(&part);
@@ -86,7 +86,7 @@ fn vertices(input: &mut Input, element: &Element) -> Result<Scene> {
         let kept = rows.kept();
         return points::read(input, &mut rows, &kept);
     }
-    let mut builder = Builder::new(Layout::of(element)?.sh_degree, rows.count)?;
+    let mut builder = input.builder(Layout::of(element)?.sh_degree, rows.count)?;
     let notices = blocks(input, &mut rows, |input, _, count, decode| {
         input.before_block(&builder)?;
         builder.extend(count, decode);

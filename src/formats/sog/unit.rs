@@ -22,7 +22,7 @@ pub(crate) fn decode_all(input: &mut Input, units: Vec<Unit>, format: String, wa
     let total: usize = units.iter().map(|unit| unit.meta.count).sum();
     let sh_degree = units.iter().map(|unit| unit.sh_degree).max().unwrap_or(0);
     let is_antialiased = units.iter().any(|unit| unit.meta.is_antialiased);
-    let mut builder = Builder::new(sh_degree, total)?;
+    let mut builder = input.builder(sh_degree, total)?;
     let mut before = 0;
     for unit in units {
         let count = unit.meta.count;

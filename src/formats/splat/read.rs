@@ -5,7 +5,7 @@ use anyhow::{Result, ensure};
 
 use crate::formats::input::{Input, TakeBlock};
 use crate::scene::harmonics::C0;
-use crate::scene::{Activated, BLOCK, Builder, LoadReport, Scene};
+use crate::scene::{Activated, BLOCK, LoadReport, Scene};
 
 /// Bytes of a Gaussian: mean and scales as 32-bit floats; colour, opacity and quaternion w x y z as bytes.
 const ROW: usize = 32;
@@ -13,7 +13,7 @@ const ROW: usize = 32;
 const LARGEST: f32 = 1e9;
 
 pub(crate) fn read(input: &mut Input) -> Result<Scene> {
-    let mut builder = Builder::new(0, count(input)?)?;
+    let mut builder = input.builder(0, count(input)?)?;
     blocks(input, |input, rows| {
         input.before_block(&builder)?;
         builder.extend(rows.len(), |index, sh| decode(&rows[index], sh));
@@ -26,8 +26,8 @@ pub(crate) fn read(input: &mut Input) -> Result<Scene> {
 /// Reads the Gaussians of a file block by block.
 pub(crate) fn read_blocks(input: &mut Input, take: TakeBlock) -> Result<Scene> {
     let (of, mut report) = (count(input)?, LoadReport::default());
-    blocks(input, |_, rows| {
-        let mut builder = Builder::new(0, rows.len())?;
+    blocks(input, |input, rows| {
+        let mut builder = input.builder(0, rows.len())?;
         builder.extend(rows.len(), |index, sh| decode(&rows[index], sh));
         let (gaussians, part) = builder.finish();
         report = report.and(&part);

@@ -5,13 +5,13 @@ use std::io::{BufReader, Cursor, Read};
 
 use anyhow::{Context, Result, bail, ensure};
 use flate2::bufread::GzDecoder;
-use glam::DQuat;
+use glam::{DMat3, DQuat};
 use rayon::prelude::*;
 
 use crate::formats::input::{Input, word};
 use crate::scene::harmonics::{Turn, flip_sign};
 use crate::scene::{
-    BLOCK, Builder, MAX_SH_DEGREE, RIGHT_UP_BACK, Raw, Scene, axis_signs, decode_rotation, logit, rest_values,
+    BLOCK, Builder, MAX_SH_DEGREE, Placer, RIGHT_UP_BACK, Raw, Scene, axis_signs, decode_rotation, logit, rest_values,
     rotation_signs,
 };
 
@@ -199,6 +199,7 @@ fn decode<R: Read + Send>(
     mut planes: Vec<R>,
     mut builder: Builder,
 ) -> Result<Scene> {
+    builder.place(Placer::new(&input.placement()));
     let layout = header.planes();
     let step = 0.5_f64.powi(header.fractional_bits as i32);
     let [mut blocks, mut next] = [(); 2].map(|()| vec![Vec::new(); layout.len()]);
@@ -335,7 +336,7 @@ impl Extensions {
             // x, front or back (the third bit), up or down.
             8..16 => {
                 self.flips = [!is_right, third, !is_up];
-                self.turn = Some(Turn::new(quarter_turn()));
+                self.turn = Some(Turn::new(DMat3::from_quat(quarter_turn())));
             }
             _ => bail!("coordinate system {system} is unknown, only 0 to 16 are known"),
         }

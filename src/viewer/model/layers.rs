@@ -238,10 +238,9 @@ fn read(
         progress,
         partial: &|so_far| {
             let Some(show) = show else { return };
-            // A failure to place the scene is reported once the whole scene is read.
-            let part = so_far.so_far().map_err(anyhow::Error::from);
-            if let Ok(placed) = part.and_then(|part| reading.placed(part)) {
-                show(Arc::new(placed));
+            // A lack of memory is reported once the whole scene is read.
+            if let Ok(part) = so_far.so_far() {
+                show(Arc::new(part));
             }
         },
         is_cancelled: &|| cancel.is_cancelled(),
