@@ -192,7 +192,8 @@ def floods(trial):
     with open(trial.path("scene/cameras.json"), "wb") as file:
         file.truncate(3 << 30)
     trial.run(["convert", "cactus:100", "scene/a.ply"], expected=(0,))
-    trial.run(["render", "scene/a.ply", "--size", "8x8"], expected=(4,))
+    # A camera file that is found and cannot be used is a note.
+    trial.run(["render", "scene/a.ply", "--size", "8x8"], expected=(0,))
 
 
 def limits(trial, what, values, commands, prefix=()):
