@@ -1,5 +1,6 @@
 //! `smalto.Scene`: a scene in memory or in a page file.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -11,7 +12,7 @@ use smalto::camera;
 use smalto::formats::{SceneFile, write_file};
 use smalto::procedural::Procedural;
 use smalto::render::SceneSource;
-use smalto::scene::{Builder, Gaussians, MAX_SH_DEGREE, Raw, Watch, sh_coefficients};
+use smalto::scene::{Activated, Builder, Gaussians, MAX_SH_DEGREE, Watch, sh_coefficients};
 
 use crate::arrays::{Numbers, numbers};
 use crate::camera::{Camera, usable};
@@ -239,6 +240,9 @@ struct Values<'a> {
     degree: u32,
 }
 
+/// Opacities that are taken. The builder clamps what rounding adds to the range from 0 to 1.
+const OPACITIES: RangeInclusive<f32> = -1e-5..=1.0 + 1e-5;
+
 impl Values<'_> {
     fn scene(self, is_antialiased: bool) -> PyResult<Scene> {
         let stride = 3 * sh_coefficients(self.degree);
@@ -264,7 +268,7 @@ impl Values<'_> {
         if let Some(place) = self.scales.iter().position(|scale| *scale < 0.0) {
             return wrong("scales: a standard deviation is negative", place / 3);
         }
-        if let Some(row) = self.opacities.iter().position(|opacity| !(0.0..=1.0).contains(opacity)) {
+        if let Some(row) = self.opacities.iter().position(|opacity| !OPACITIES.contains(opacity)) {
             return wrong("opacities: a value is not from 0 to 1", row);
         }
         if let Some(row) = self.quats.chunks_exact(4).position(|quat| quat == [0.0; 4]) {
@@ -275,12 +279,11 @@ impl Values<'_> {
         let wide = |values: &[f32], i: usize| -> [f64; 3] { std::array::from_fn(|k| f64::from(values[3 * i + k])) };
         builder.extend(count, |i, sh| {
             look(i, sh.as_flattened_mut());
-            let opacity = f64::from(self.opacities[i]);
-            Raw {
+            Activated {
                 mean: wide(self.means, i),
-                log_scale: wide(self.scales, i).map(f64::ln),
+                scale: wide(self.scales, i),
                 rotation: std::array::from_fn(|k| f64::from(self.quats[4 * i + k])),
-                opacity_logit: (opacity / (1.0 - opacity)).ln(),
+                opacity: self.opacities[i].into(),
             }
         });
         let (gaussians, report) = builder.finish();

@@ -59,6 +59,13 @@ def test_features_of_any_size_are_drawn_to_the_precision_of_what_is_seen():
         assert np.abs(found / factor - expected).max() < 1e-5
 
 
+def test_opacities_that_rounding_moved_out_of_range_are_drawn():
+    arguments = features_scene()
+    exact, rounded = (arguments["opacities"].copy() for _ in range(2))
+    exact[:2], rounded[:2] = [1, 0], [1.0000002, -1e-7]
+    assert np.array_equal(draw(arguments, opacities=rounded), draw(arguments, opacities=exact))
+
+
 def test_features_of_many_channels_are_those_of_three_each():
     arguments = features_scene()
     colors = np.random.RandomState(1).uniform(-2, 2, (400, 11)).astype(np.float32)
