@@ -117,10 +117,11 @@ def short_number():
     return "2.22e30"
 
 
-def script(name, *words, absent=()):
+def script(name, *words, absent=(), fails=False):
     """A script of the Python package prints these words and none of the others."""
     ran = subprocess.run([PYTHON, case(name)], capture_output=True, text=True, timeout=600)
     said = ran.stdout + ran.stderr
+    assert (ran.returncode != 0) == fails, f"exit code {ran.returncode}: {said}"
     for word in words:
         assert re.search(word, said), said
     for word in absent:
@@ -137,7 +138,8 @@ def feature_shift():
 
 CHECKS = [
     ("01-filter-3d.ply", lambda: draws("01-filter-3d.ply", "01-filter-3d.expected.ply", says=["filter_3D"])),
-    ("02-opacity-just-over-1.glb", lambda: draws("02-opacity-just-over-1.glb", BASE, 50, ["clamped"])),
+    # The file has opacities of 1 where the base has 0.9.
+    ("02-opacity-just-over-1.glb", lambda: draws("02-opacity-just-over-1.glb", BASE, 38, ["clamped"])),
     ("03-mirrored-node.glb", lambda: draws("03-mirrored-node.glb", "03-mirrored-node.expected.ply")),
     ("03-stretched-node.glb", lambda: draws("03-stretched-node.glb", "03-stretched-node.expected.ply")),
     ("04-axes-z-up.spz", lambda: draws("04-axes-z-up.spz", "04-axes-z-up.expected.ply", 35)),
@@ -153,7 +155,7 @@ CHECKS = [
     ("adv-nodes-8000.glb", nodes),
     ("adv-node-zero-rotation.glb", lambda: refuses("adv-node-zero-rotation.glb", "rotation")),
     ("adv-node-scale-1e30.glb", short_number),
-    ("py-camera-ignored.py", lambda: script("py-camera-ignored.py", "ValueError")),
+    ("py-camera-ignored.py", lambda: script("py-camera-ignored.py", "ValueError", fails=True)),
     ("py-channels-cost.py", lambda: script("py-channels-cost.py", "24 channels")),
     ("py-colors-none.py", lambda: script("py-colors-none.py", absent=["Error"])),
     ("py-errors-name.py", lambda: script("py-errors-name.py", "background", "layers", "dtype", "size", "memory", "device",
@@ -161,8 +163,9 @@ CHECKS = [
     ("py-feature-shift.py", feature_shift),
     ("py-gsplat16-keywords.py", lambda: script("py-gsplat16-keywords.py", "shared harmonics ok", absent=["TypeError"])),
     ("py-meta.py", lambda: script("py-meta.py", "radii", "(?m)^1$")),
-    ("py-pickle.py", lambda: script("py-pickle.py", "True", absent=["Error", "cannot"])),
-    ("py-pose-drift.py", lambda: script("py-pose-drift.py", "differ by 0.0|ValueError")),
+    ("py-pickle.py", lambda: script("py-pickle.py", absent=["Error", "cannot"])),
+    # A `Camera` takes the nearest rotation within a documented limit; `rasterization` takes the matrix as it is.
+    ("py-pose-drift.py", lambda: script("py-pose-drift.py", r"differ by 0\.00")),
     ("py-render-many-loses.py", lambda: script("py-render-many-loses.py", "2 of 2")),
 ]
 
