@@ -102,7 +102,7 @@ impl Turn {
         let mut matrix = [[0.0; FUNCTIONS]; FUNCTIONS];
         for node in 0..nodes {
             let angle = (f64::from(node) + 0.5) * PI / n;
-            let terms = (1..=nodes / 2).map(|j| f64::from(j)).map(|j| (2.0 * j * angle).cos() / (4.0 * j * j - 1.0));
+            let terms = (1..=nodes / 2).map(f64::from).map(|j| (2.0 * j * angle).cos() / (4.0 * j * j - 1.0));
             let weight = 2.0 / n * (1.0 - 2.0 * terms.sum::<f64>()) * TAU / n;
             for step in 0..nodes {
                 let (sin, cos) = (TAU * f64::from(step) / n).sin_cos();

@@ -1,6 +1,7 @@
 //! The description of a glTF file: which primitives with Gaussians its scene shows, and where.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::ops::Range;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -173,10 +174,10 @@ impl Document {
             waiting.extend(node.children.iter().map(|child| (*child, here)));
             let Some(number) = node.mesh else { continue };
             let mesh = self.meshes.get(number).with_context(|| format!("mesh {number} is missing"))?;
-            if !met.contains_key(&number) {
-                met.insert(number, mesh.add_to(&mut shown.primitives)?);
-            }
-            let primitives = met[&number].clone();
+            let primitives = match met.entry(number) {
+                Entry::Occupied(met) => met.get().clone(),
+                Entry::Vacant(new) => new.insert(mesh.add_to(&mut shown.primitives)?).clone(),
+            };
             shown.others += mesh.primitives.len() - primitives.len();
             if !primitives.is_empty() {
                 let instancing = node.extensions.instancing.as_ref();
