@@ -4,6 +4,7 @@
 #include "shared/rules.glsl"
 #include "shared/blend_rules.glsl"
 #include "fast/splat.glsl"
+#include "fast/transmittance.glsl"
 // The blend of a block of pixels by one subgroup, front to back, over the whole list of the bin or a segment of it.
 // Requires: WORKGROUP_SIZE, BLOCK_HEIGHT
 // A lane has several pixels of one column. The exponent of a splat is a polynomial around the middle of the block (the
@@ -28,9 +29,9 @@ layout(push_constant, scalar) uniform Push {
     vec3 background;
 } push;
 
-// The largest alpha, divided by ALPHA_MIN. An alpha of 1 is lowered by less than it is rounded: it must not make a
+// The exp2 of the largest exponent. An alpha of 1 is lowered by less than it is rounded: it must not make a
 // transmittance negative.
-#define LARGEST_WEIGHT (min(ALPHA_MAX, 1.0 - 5e-7) / ALPHA_MIN)
+#define LARGEST_WEIGHT (min(ALPHA_MAX, 1.0 - 5e-7) / UNIT)
 
 const uvec2 BLOCK = uvec2(BLOCK_WIDTH, BLOCK_HEIGHT);
 const uint BLOCK_PIXELS = BLOCK_WIDTH * BLOCK_HEIGHT;
@@ -40,7 +41,7 @@ const uint ROWS = SUBGROUP / BLOCK_WIDTH;     // rows from one of these pixels t
 // a lane has enough independent work.
 const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
 
-// The entries that are blended next. Exponents are relative to log2(ALPHA_MIN).
+// The entries that are blended next.
 // With COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
 // Without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2: three operations more and a tenth of the
 // rounding error.
@@ -121,23 +122,26 @@ Record load_record(uint splat) {
 }
 
 // Stages the polynomial of this lane's splat around `middle` for all lanes. A lane without a splat stages one that is
-// never drawn.
+// never drawn, and so does one whose polynomial would be infinite or NaN.
 void stage(Record record, vec2 middle, bool exists) {
     vec2 d = middle - record.a.xy;
     vec3 factor = vec3(record.a.zw, record.b.x);
     uint place = lane();
     precise float u = fma(factor.x, d.x, factor.y * d.y);
     precise float v = factor.z * d.y;
+    precise float square = fma(u, u, v * v);
+    bool draws = exists && square < 1e30;
+    vec4 a, b;
     if (COMPACT) {
-        precise float at_middle = record.b.y - fma(u, u, v * v);
-        staged_a[place] = vec4(exists ? at_middle : -1e30, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v),
-            -factor.x * factor.x);
-        staged_b[place] =
-            vec4(-2.0 * factor.x * factor.y, -(factor.y * factor.y + factor.z * factor.z), record.b.zw);
+        precise float at_middle = record.b.y - square - LOWERED;
+        a = vec4(at_middle, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v), -factor.x * factor.x);
+        b = vec4(-2.0 * factor.x * factor.y, -(factor.y * factor.y + factor.z * factor.z), record.b.zw);
     } else {
-        staged_a[place] = vec4(exists ? record.b.y : -1e30, u, v, factor.x);
-        staged_b[place] = vec4(factor.yz, record.b.zw);
+        a = vec4(record.b.y, u, v, factor.x);
+        b = vec4(factor.yz, record.b.zw);
     }
+    staged_a[place] = draws ? a : vec4(-1e30, vec3(0.0));
+    staged_b[place] = draws ? b : vec4(0.0);
     staged_blue[place] = record.blue;
 }
 
@@ -146,8 +150,8 @@ uvec2 pixel;             // px, the first pixel of the lane
 vec2 middle;             // px, the middle of the block
 float x, y[PIXELS];      // px, the centres of the lane's pixels relative to the middle
 // A pixel that goes on has the transmittance `live` and stops when that falls below `limit`. A pixel that has stopped
-// has `live` = 0 and `limit` < 0, and its transmittance is `last`. All three are multiplied by ALPHA_MIN, so that alpha
-// times T is exp2(exponent) times `live`.
+// has `live` = 0 and `limit` < 0, and its transmittance is `last`. All three are multiplied by UNIT, so that alpha times T
+// is exp2(exponent) times `live`.
 float live[PIXELS], limit[PIXELS], last[PIXELS];
 vec3 colour[PIXELS];
 
@@ -158,8 +162,8 @@ float last_transmittance() {
 
 // Starts a pixel with this transmittance. With 0 it takes no splat.
 void begin_pixel(uint k, float transmittance) {
-    live[k] = last[k] = ALPHA_MIN * transmittance;
-    limit[k] = transmittance > 0.0 ? ALPHA_MIN * last_transmittance() : -1.0;
+    live[k] = last[k] = UNIT * transmittance;
+    limit[k] = transmittance > 0.0 ? UNIT * last_transmittance() : -1.0;
     colour[k] = vec3(0.0);
 }
 
@@ -189,7 +193,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
         count_ahead = take(walk, bin, block, entry);
         if (gl_SubgroupInvocationID < count_ahead) splat = splat_ids[bin.first + entry];
         for (uint i = first; i < behind; i += AT_ONCE) {
-            float weights[AT_ONCE][PIXELS];  // alpha / ALPHA_MIN, then alpha T
+            float weights[AT_ONCE][PIXELS];  // exp2(exponent), then alpha T
             vec3 colours[AT_ONCE];
             [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                 vec4 a = staged_a[i + j], b = staged_b[i + j];
@@ -204,8 +208,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                         float u = fma(b.x, y[k], on_axis), v = fma(b.y, y[k], a.z);
                         exponent = fma(-u, u, fma(-v, v, a.x));
                     }
-                    // The comparison is false for NaN, which is not drawn.
-                    float weight = exponent >= 0.0 ? exp2(exponent) : 0.0;
+                    float weight = FLUSHES || exponent >= 0.0 ? exp2(exponent) : 0.0;
                     if (HAS_CLAMPED_ALPHAS) weight = min(LARGEST_WEIGHT, weight);
                     weights[j][k] = weight;
                 }
@@ -219,7 +222,7 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                 before[k] = live[k];
                 [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                     weights[j][k] *= live[k];
-                    live[k] = fma(-ALPHA_MIN, weights[j][k], live[k]);
+                    live[k] = fma(-UNIT, weights[j][k], live[k]);
                 }
                 ends = ends || live[k] < limit[k];
             }
@@ -228,8 +231,8 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
                     if (live[k] < limit[k]) {
                         float left = last[k] = before[k];
                         [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-                            float after = fma(-ALPHA_MIN, weights[j][k], left);
-                            bool added = left >= limit[k] && after >= ALPHA_MIN * TRANSMITTANCE_MIN;
+                            float after = fma(-UNIT, weights[j][k], left);
+                            bool added = left >= limit[k] && after >= UNIT * TRANSMITTANCE_MIN;
                             weights[j][k] = added ? weights[j][k] : 0.0;
                             last[k] = added ? after : last[k];
                             left = after;
@@ -249,11 +252,6 @@ void blend_words(Bin bin, uint block, uint begin, uint end) {
         for (uint k = 0; k < PIXELS; k++) goes_on = goes_on || live[k] > 0.0;
         if (!subgroupAny(goes_on)) break;
     }
-}
-
-// The transmittance of a pixel that goes on with `live`: 1 exactly where no splat was drawn.
-float transmittance_of(float live) {
-    return live == ALPHA_MIN ? 1.0 : live / ALPHA_MIN;
 }
 
 float final_transmittance(uint k) {

@@ -1,6 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "shared/rules.glsl"
+#include "fast/transmittance.glsl"
 // One invocation per pixel: writes the state of a pixel before the first slab.
 // Before: nothing. After: image has colour 0 and transmittance 1, in the form of slabs/blend.comp.
 
@@ -12,5 +13,5 @@ layout(push_constant, scalar) uniform Push {
 void main() {
     uint index = workgroup() * WORKGROUP + lane();
     if (index >= push.size_px.x * push.size_px.y) return;
-    imageStore(image, ivec2(index % push.size_px.x, index / push.size_px.x), vec4(0.0, 0.0, 0.0, ALPHA_MIN));
+    imageStore(image, ivec2(index % push.size_px.x, index / push.size_px.x), vec4(0.0, 0.0, 0.0, UNIT));
 }

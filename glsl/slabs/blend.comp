@@ -6,7 +6,7 @@ layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
 // One subgroup per block of pixels: blends one slab as fast/blend.comp, starting from the states of the previous slab.
 // Before: bins, sorted splat_ids and masks of the slab; open_bins is 0. After: image has the state of every pixel,
 // open_bins a bit for every bin with a pixel that has not stopped.
-// The state of a pixel is its colour so far and its transmittance times ALPHA_MIN, negated once the pixel has stopped.
+// The state of a pixel is its colour so far and its transmittance times UNIT, negated once the pixel has stopped.
 // These are the values inside blend_block.glsl, so that the image has the bits of a frame without slabs.
 
 layout(binding = 6, scalar) buffer OpenBins { uint open_bins[]; };                          // [bins / 32] a bit per bin
@@ -23,7 +23,7 @@ void go_on(uint k) {
     last[k] = abs(state.a);
     if (is_negative(state.a)) return;
     live[k] = state.a;
-    limit[k] = ALPHA_MIN * last_transmittance();
+    limit[k] = UNIT * last_transmittance();
 }
 
 void keep(uint k) {

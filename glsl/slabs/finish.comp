@@ -1,6 +1,7 @@
 #version 460
 #include "shared/workgroup.glsl"
 #include "shared/rules.glsl"
+#include "fast/transmittance.glsl"
 // One invocation per pixel: converts the states of slabs/blend.comp to the image, as fast/blend.comp does.
 // Before: image has the states after the last slab. After: image = (colour over the background, 1 - T).
 
@@ -15,6 +16,6 @@ void main() {
     if (index >= push.size_px.x * push.size_px.y) return;
     ivec2 pixel = ivec2(index % push.size_px.x, index / push.size_px.x);
     vec4 state = imageLoad(image, pixel);
-    float kept = abs(state.a), transmittance = kept == ALPHA_MIN ? 1.0 : kept / ALPHA_MIN;
+    float transmittance = transmittance_of(abs(state.a));
     imageStore(image, pixel, vec4(fma(vec3(transmittance), push.background, state.rgb), 1.0 - transmittance));
 }

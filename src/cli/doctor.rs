@@ -55,6 +55,9 @@ pub(super) struct Report {
 struct SelfTest {
     device: String,
     is_validated: bool,
+    /// `exp2` in shaders returns 0 instead of a denormal number, so that the fast path needs no comparison for the
+    /// threshold of alphas.
+    flushes_denormals: bool,
     paths: Vec<PathTest>,
     passed: bool,
 }
@@ -99,8 +102,15 @@ fn test(args: &Args, report: &mut Report) -> Result<()> {
     let Capabilities { name, kind, .. } = device.capabilities();
     say!("self-test on {name}{}", if device.is_validated() { ", validated" } else { "" })?;
     let (device_name, is_validated) = (name.clone(), device.is_validated());
-    let test =
-        report.self_test.insert(SelfTest { device: device_name, is_validated, paths: Vec::new(), passed: false });
+    let flushes_denormals = render::flushes_denormals(&device)?;
+    let test = report.self_test.insert(SelfTest {
+        device: device_name,
+        is_validated,
+        flushes_denormals,
+        paths: Vec::new(),
+        passed: false,
+    });
+    say!("   exp2           {} denormal numbers", if flushes_denormals { "flushes" } else { "keeps" })?;
     self_test(&device, &mut test.paths)?;
     test.passed = true;
     say_memory(&device)?;

@@ -24,6 +24,7 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
         sh_storage: stored(layout.sh),
         shape_storage: stored(layout.shape),
         has_clamped_alphas: layout.has_clamped_alphas,
+        flushes: false,
         by_distance: rules.order == Order::Distance,
         antialiased: rules.antialiased,
         features: rules.features,

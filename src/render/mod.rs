@@ -66,7 +66,7 @@ mod upscale;
 #[doc(hidden)]
 pub use capacity::Capacity;
 #[doc(hidden)]
-pub use fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace};
+pub use fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace, flushes_denormals};
 #[doc(hidden)]
 pub use frame::{Shot, Target, Variation};
 pub(crate) use frame::{depth_bits, tiles};

@@ -6,6 +6,7 @@ use std::mem::offset_of;
 
 use anyhow::Result;
 
+use super::denormals::flushes_denormals;
 use super::grid::BinGrid;
 use super::stages::{self, BLOCK_HEIGHTS, blend_constants, sort_constants};
 use super::workspace::FastWorkspace;
@@ -62,7 +63,8 @@ impl FastPipeline {
     /// If a pipeline cannot be made.
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Option<Self>> {
         let Some(subgroup) = Self::subgroup(device, options) else { return Ok(None) };
-        let constants = shared(options, layout, subgroup);
+        let mut constants = shared(options, layout, subgroup);
+        constants.flushes = constants.compact && flushes_denormals(device)?;
         let sort = sort_constants(&constants, subgroup);
         let merge = |of_runs| Stage::new(device, &MergeConstants { of_runs });
         // A driver compiles on the calling thread.
