@@ -7,53 +7,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::placement::{Placement, Placer};
+use super::stored::{Activated, unit};
 use super::{Gaussians, LoadReport, sh_coefficients};
 use crate::host_memory::OutOfMemory;
-
-/// One Gaussian as trainers store it, before the activations, in the axes right, down, forward.
-#[derive(Clone, Copy, Debug)]
-pub struct Raw {
-    /// World units.
-    pub mean: [f64; 3],
-    /// Natural logarithm of the standard deviations.
-    pub log_scale: [f64; 3],
-    /// Quaternion w x y z of any length.
-    pub rotation: [f64; 4],
-    /// Opacity before the sigmoid.
-    pub opacity_logit: f64,
-}
-
-/// One Gaussian as other files store it, after the activations, in the axes right, down, forward.
-#[derive(Clone, Copy, Debug)]
-pub struct Activated {
-    /// World units.
-    pub mean: [f64; 3],
-    /// Standard deviations in world units.
-    pub scale: [f64; 3],
-    /// Quaternion w x y z of any length.
-    pub rotation: [f64; 4],
-    /// From 0 to 1.
-    pub opacity: f64,
-}
-
-impl From<Raw> for Activated {
-    /// An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity is a flat Gaussian. A finite log
-    /// scale is a finite scale.
-    fn from(raw: Raw) -> Self {
-        let scale = |log: f64| if log.is_finite() { log.exp().min(f64::MAX) } else { log.exp() };
-        Self {
-            mean: raw.mean,
-            scale: raw.log_scale.map(scale),
-            rotation: raw.rotation,
-            opacity: 1.0 / (1.0 + (-raw.opacity_logit).exp()),
-        }
-    }
-}
-
-/// The inverse of the sigmoid; infinite for 0 and 1.
-pub(crate) fn logit(opacity: f64) -> f64 {
-    (opacity / (1.0 - opacity)).ln()
-}
 
 /// Builds [`Gaussians`] from stored values, block by block.
 #[derive(Debug)]
@@ -88,8 +44,8 @@ impl Builder {
     }
 
     /// Adds `count` Gaussians; Gaussians that cannot be drawn are dropped and counted. `decode(index, sh)` returns
-    /// Gaussian `index` from 0 to `count - 1`, a [`Raw`] or an [`Activated`], and writes its spherical harmonics, which
-    /// are 0 before; it runs on many threads.
+    /// Gaussian `index` from 0 to `count - 1`, a [`Raw`](super::Raw) or an [`Activated`], and writes its spherical
+    /// harmonics, which are 0 before; it runs on many threads.
     pub fn extend<G: Into<Activated>>(&mut self, count: usize, decode: impl Fn(usize, &mut [[f32; 3]]) -> G + Sync) {
         let range = self.kept..self.kept + count;
         let all = &mut self.gaussians;
@@ -129,6 +85,27 @@ impl Builder {
     pub fn finish(mut self) -> (Gaussians, LoadReport) {
         resize(&mut self.gaussians, self.kept);
         (self.gaussians, self.report)
+    }
+}
+
+impl Gaussians {
+    /// The Gaussians at this place, and what was dropped or changed. Opacities keep their bits.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if the copy cannot be allocated.
+    pub(crate) fn placed(&self, placement: &Placement) -> Result<(Self, LoadReport), OutOfMemory> {
+        let mut builder = Builder::new(self.sh_degree, self.len())?;
+        builder.place(Placer::new(placement));
+        builder.extend(self.len(), |i, sh| {
+            sh.copy_from_slice(self.sh(i));
+            Activated {
+                mean: self.means[i].map(f64::from),
+                scale: self.scales[i].map(f64::from),
+                rotation: self.rotations[i].map(f64::from),
+                opacity: self.opacities[i].into(),
+            }
+        });
+        Ok(builder.finish())
     }
 }
 
@@ -301,24 +278,6 @@ fn flaw(stored: &Activated, sh: &[[f32; 3]]) -> Option<Flaw> {
     (!is_near).then_some(Flaw::OpacityRange)
 }
 
-/// Largest error of the squared length of a unit quaternion after rounding to 32-bit floats.
-const UNIT_TOLERANCE: f64 = 2.4e-7;
-
-/// The quaternion normalized; `None` for length zero. It is scaled first so that no square over- or underflows. A
-/// rounded unit quaternion is returned unchanged, so that writing and reading keep its bits.
-pub(super) fn unit(q: [f64; 4]) -> Option<[f64; 4]> {
-    if (q.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < UNIT_TOLERANCE {
-        return Some(q);
-    }
-    let largest = q.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-    if largest == 0.0 {
-        return None;
-    }
-    let q = q.map(|v| v / largest);
-    let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
-    Some(q.map(|v| v / length))
-}
-
 /// True if the values of a Gaussian are as [`canonical`] makes them. Rotations may be rounded to 16 bits.
 pub(crate) fn is_canonical(gaussians: &Gaussians, index: usize) -> bool {
     let length: f32 = gaussians.rotations[index].iter().map(|v| v * v).sum();
@@ -334,6 +293,7 @@ pub(crate) fn is_canonical(gaussians: &Gaussians, index: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Raw;
 
     const GOOD: Raw =
         Raw { mean: [1.0, 2.0, 3.0], log_scale: [0.0, -1.0, -2.0], rotation: [1.0, 0.0, 0.0, 0.0], opacity_logit: 0.0 };

@@ -1,7 +1,8 @@
 //! Scenes in memory: Gaussians, validated and made canonical once when they are read or generated.
 //!
 //! - `gaussians` - the Gaussians of a scene as a structure of arrays
-//! - `canonical` - validates raw values and makes them canonical: `Builder`
+//! - `stored` - a Gaussian as files store it
+//! - `canonical` - validates such values and makes them canonical: `Builder`
 //! - `from_canonical` - Gaussians from values that are canonical already
 //! - `loaded` - a scene with its load report, and the errors of reading
 //! - `watch` - progress, partial scenes and cancelling while a scene is read
@@ -31,14 +32,16 @@ mod placement;
 mod random;
 mod requirements;
 mod rotation;
+mod stored;
 mod transform;
 mod watch;
 
 pub use bounds::{Bounds, Focus};
-pub use canonical::{Activated, Builder, Raw};
+pub use canonical::Builder;
 pub use gaussians::{Gaussians, MAX_SH_DEGREE, USUAL_SH_DEGREE, sh_coefficients};
 pub use instances::SceneInstances;
 pub use loaded::{LoadReport, NoLevel, Scene, SceneLevel, Unreadable, remarks};
+pub use stored::{Activated, Raw};
 pub use transform::Transform;
 pub use watch::{Cancelled, Watch};
 
@@ -59,9 +62,10 @@ pub use requirements::{Band, Colours, Requirements, SUMMED, StoredValues, bands}
 #[doc(hidden)]
 pub use rotation::{decode_rotation, encode_rotation};
 
-pub(crate) use canonical::{BLOCK, logit};
+pub(crate) use canonical::BLOCK;
 pub(crate) use edit::{axis_signs, rotation_signs};
 pub(crate) use gaussians::rest_values;
 pub(crate) use placement::{Placement, Placer};
 pub(crate) use random::Random;
 pub(crate) use rotation::from_smallest_three;
+pub(crate) use stored::logit;

@@ -2,11 +2,10 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use super::canonical::unit;
 use super::edit::{axis_signs, rotation_signs};
 use super::harmonics::{Turn, flip_sign};
-use super::{Activated, Builder, Gaussians, LoadReport, MAX_SH_DEGREE, Transform, sh_coefficients};
-use crate::host_memory::OutOfMemory;
+use super::stored::{Activated, unit};
+use super::{MAX_SH_DEGREE, Transform, sh_coefficients};
 
 /// The map from the axes of a file to the world: axes are reversed, then an affine map is applied. It may mirror, shear
 /// and scale axes differently.
@@ -35,27 +34,6 @@ impl Placement {
         let signs = DMat3::from_diagonal(DVec3::from(axis_signs(flip).map(f64::from)));
         let matrix3 = signs * node.matrix3 * signs;
         Self { flip, affine: self.affine * DAffine3 { matrix3, translation: signs * node.translation } }
-    }
-}
-
-impl Gaussians {
-    /// The Gaussians at this place, and what was dropped or changed. Opacities keep their bits.
-    ///
-    /// # Errors
-    /// [`OutOfMemory`] if the copy cannot be allocated.
-    pub(crate) fn placed(&self, placement: &Placement) -> Result<(Self, LoadReport), OutOfMemory> {
-        let mut builder = Builder::new(self.sh_degree, self.len())?;
-        builder.place(Placer::new(placement));
-        builder.extend(self.len(), |i, sh| {
-            sh.copy_from_slice(self.sh(i));
-            Activated {
-                mean: self.means[i].map(f64::from),
-                scale: self.scales[i].map(f64::from),
-                rotation: self.rotations[i].map(f64::from),
-                opacity: self.opacities[i].into(),
-            }
-        });
-        Ok(builder.finish())
     }
 }
 
