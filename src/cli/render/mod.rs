@@ -146,7 +146,7 @@ pub(super) struct Args {
     place: Option<PathBuf>,
     #[command(flatten)]
     film: FilmArgs,
-    /// Make a video: .mp4, .mkv, .mov or .webm; without a name, say how
+    /// Make a video: .mp4, .mkv, .mov or .webm; without a name, print how
     ///
     /// The installed ffmpeg makes it. Without a name, or without ffmpeg, the pictures are numbered from 0 without gaps,
     /// and the ffmpeg command that makes the video is printed.
