@@ -1,6 +1,7 @@
 //! Page files with levels of detail, devices and scenes for tests.
 
-use std::sync::{Arc, LazyLock};
+use std::cell::OnceCell;
+use std::sync::{Arc, Condvar, LazyLock, Mutex};
 
 use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
@@ -33,9 +34,35 @@ pub(crate) fn cactus_of_degree_4(count: usize) -> Scene {
     Scene { gaussians: Gaussians { sh, sh_degree: 4, ..scene.gaussians }, ..scene }
 }
 
+/// The right of a test to use devices. One test has it at a time, until its thread ends: in a run of two tests at once
+/// on the shared software device, the program once ended by a signal.
+struct Turn;
+
+static IS_TAKEN: (Mutex<bool>, Condvar) = (Mutex::new(false), Condvar::new());
+
+impl Turn {
+    fn take() -> Self {
+        let is_taken = IS_TAKEN.0.lock().expect("no holder of the lock panics");
+        *IS_TAKEN.1.wait_while(is_taken, |is_taken| *is_taken).expect("no holder of the lock panics") = true;
+        Self
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        *IS_TAKEN.0.lock().expect("no holder of the lock panics") = false;
+        IS_TAKEN.1.notify_one();
+    }
+}
+
+thread_local! {
+    static TURN: OnceCell<Turn> = const { OnceCell::new() };
+}
+
 /// A device with this limit of its memory. Tests without a limit share one device. Every device keeps its pipelines: a
 /// software device takes far longer to compile them than to draw a small picture.
 pub(crate) fn open(limit: Option<u64>) -> Device {
+    TURN.with(|turn| _ = turn.get_or_init(Turn::take));
     static UNLIMITED: LazyLock<Device> = LazyLock::new(|| {
         let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled);
         let device = device.expect("GPU tests need a Vulkan device");
