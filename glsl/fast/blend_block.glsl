@@ -150,8 +150,8 @@ uvec2 pixel;             // px, the first pixel of the lane
 vec2 middle;             // px, the middle of the block
 float x, y[PIXELS];      // px, the centres of the lane's pixels relative to the middle
 // A pixel that goes on has the transmittance `live` and stops when that falls below `limit`. A pixel that has stopped
-// has `live` = 0 and `limit` < 0, and its transmittance is `last`. All three are multiplied by UNIT, so that alpha times
-// T is exp2(exponent) times `live`.
+// has `live` = 0 and `limit` < 0, and its transmittance is `last`. All three are multiplied by UNIT, so that alpha
+// times T is exp2(exponent) times `live`.
 float live[PIXELS], limit[PIXELS], last[PIXELS];
 vec3 colour[PIXELS];
 
