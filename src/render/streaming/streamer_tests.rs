@@ -20,9 +20,11 @@ use crate::scene::{Focus, Transform};
 const SIZE: [u32; 2] = [200, 130];
 const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
 
+/// A renderer that streams pages and predicts no motion: its motion clock stands still.
 fn streaming(device: &Device, scene: &GpuScene, options: &Options) -> Renderer {
     let mut renderer = Renderer::new(device, options, scene).unwrap();
     renderer.enable_page_streaming().unwrap();
+    renderer.streamer().set_motion_time(Duration::ZERO);
     renderer
 }
 
