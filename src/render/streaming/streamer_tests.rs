@@ -173,7 +173,6 @@ fn pages_are_resident_when_the_camera_arrives() {
     let arrive = |moves: bool| {
         let scene = opened_scene(&device, &file, &[], &options);
         let mut renderer = streaming(&device, &scene, &options);
-        renderer.streamer().set_motion_time(Duration::ZERO);
         settle_in_step(&mut renderer, &at(0.3));
         if moves {
             // Frames every 20 ms, 2 % of the way each: in 300 ms the camera will be at 0.6.
