@@ -16,7 +16,7 @@ pub(crate) struct Data<'d> {
 #[serde(rename_all = "camelCase")]
 pub(crate) struct Accessor {
     #[serde(flatten)]
-    place: Place,
+    location: Location,
     component_type: u32,
     count: u64,
     #[serde(rename = "type")]
@@ -26,10 +26,10 @@ pub(crate) struct Accessor {
     sparse: Option<Sparse>,
 }
 
-/// Where rows of numbers begin.
+/// The first byte of rows of numbers.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-struct Place {
+struct Location {
     buffer_view: Option<usize>,
     #[serde(default)]
     byte_offset: u64,
@@ -40,14 +40,14 @@ struct Place {
 struct Sparse {
     count: u64,
     indices: SparseIndices,
-    values: Place,
+    values: Location,
 }
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct SparseIndices {
     #[serde(flatten)]
-    place: Place,
+    location: Location,
     component_type: u32,
 }
 
@@ -68,7 +68,7 @@ impl<'d> Data<'d> {
         let shape = ["SCALAR", "VEC2", "VEC3", "VEC4"][components - 1];
         ensure!(accessor.shape == shape, "{name} is {}, not {shape}", accessor.shape);
         let component = Component::named(accessor.component_type, name)?;
-        let values = self.rows(&accessor.place, component, components, accessor.count, name)?;
+        let values = self.rows(&accessor.location, component, components, accessor.count, name)?;
         let values = Values { is_normalized: accessor.normalized, ..values };
         match &accessor.sparse {
             Some(sparse) => {
@@ -80,8 +80,15 @@ impl<'d> Data<'d> {
     }
 
     /// `count` rows of numbers.
-    fn rows(&self, place: &Place, component: Component, row: usize, count: u64, name: &str) -> Result<Values<'d>> {
-        let view = place.buffer_view.and_then(|view| self.views.get(view));
+    fn rows(
+        &self,
+        location: &Location,
+        component: Component,
+        row: usize,
+        count: u64,
+        name: &str,
+    ) -> Result<Values<'d>> {
+        let view = location.buffer_view.and_then(|view| self.views.get(view));
         let view = view.with_context(|| format!("{name} has no buffer view"))?;
         let buffer = self.buffers.get(view.buffer).with_context(|| format!("{name} has no buffer"))?;
         let row = (row * component.bytes()) as u64;
@@ -89,7 +96,7 @@ impl<'d> Data<'d> {
         ensure!(stride >= row && stride <= 252.max(row), "{name} has {stride} bytes from one element to the next");
         let end = view.byte_offset.checked_add(view.byte_length).filter(|end| *end <= buffer.len() as u64);
         let end = end.with_context(|| format!("{name} lies outside of its buffer of {} bytes", buffer.len()))?;
-        let start = view.byte_offset.saturating_add(place.byte_offset);
+        let start = view.byte_offset.saturating_add(location.byte_offset);
         let available = (end + stride - row).saturating_sub(start);
         let count = checked_count(count, stride, available, &format!("values of {name}"))?;
         let bytes = if count == 0 { &[] } else { &buffer[start as usize..end as usize] };
@@ -100,7 +107,7 @@ impl<'d> Data<'d> {
     fn replaced(&self, all: &Values, sparse: &Sparse, components: usize, name: &str) -> Result<Replaced<'d>> {
         let Sparse { count, indices, values } = sparse;
         let kind = Component::named(indices.component_type, name)?;
-        let indices = self.rows(&indices.place, kind, 1, *count, &format!("indices of {name}"))?;
+        let indices = self.rows(&indices.location, kind, 1, *count, &format!("indices of {name}"))?;
         let rows = self.rows(values, all.component, components, *count, &format!("replaced values of {name}"))?;
         let mut next = 0.0;
         for [index] in (0..indices.count).map(|i| indices.row(i)) {
