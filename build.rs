@@ -147,7 +147,7 @@ impl Generated {
         writeln!(
             self.structs_code,
             "\n/// The specialization constants that headers declare, so that shaders share them.\n\
-             #[derive(Clone, Copy, Debug)]"
+             #[derive(Clone, Copy, Debug, PartialEq)]"
         )?;
         writeln!(self.structs_code, "pub struct SharedConstants {{")?;
         for (name, ty) in &self.header_constants {

@@ -1,14 +1,8 @@
 #extension GL_EXT_control_flow_attributes : require
-// A Gaussian's attributes, unpacked from the words that they are stored in (src/storage/layout.rs).
+// A Gaussian's attributes, unpacked from the words that they are stored in (src/packing/layout.rs).
 // Requires: harmonics.glsl, shapes[], sh[], grids
 
-layout(constant_id = 0) const uint SH_DEGREE = 3;
-layout(constant_id = 1) const uint SH_STORAGE = 0;
-layout(constant_id = 2) const uint SHAPE_STORAGE = 0;
-
-const uint STORED_F32 = 0;
-const uint STORED_F16 = 1;
-const uint STORED_U8 = 2;
+#include "shared/formats.glsl"
 
 // The value of a number that is stored in 8 bits; `grid` is (offset, step).
 float on_grid(vec2 grid, uint number) {
@@ -57,13 +51,6 @@ void load_shape(uint gaussian, out vec4 rotation, out vec3 scale, out float opac
         rotation = unpack_rotation(words.y);
     }
 }
-
-const uint SH_FLOATS = 3 * (SH_DEGREE + 1) * (SH_DEGREE + 1);
-const uint SH_PER_WORD = SH_STORAGE == STORED_F32 ? 1 : SH_STORAGE == STORED_F16 ? 2 : 4;
-const uint SH_WORDS = (SH_FLOATS + SH_PER_WORD - 1) / SH_PER_WORD;
-const uint SH_STORED_VECTORS = (SH_WORDS + 3) / 4;
-// Gaussians that share an element of the last plane.
-const uint SH_SHARE = SH_WORDS % 4 == 1 ? 4 : SH_WORDS % 4 == 2 ? 2 : 1;
 
 // An element that several Gaussians share, with the words of this Gaussian moved to the front.
 uvec4 own_part(uvec4 element, uint gaussian) {

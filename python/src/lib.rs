@@ -3,6 +3,7 @@
 mod arrays;
 mod asked;
 mod camera;
+mod device_arrays;
 mod errors;
 mod given;
 mod picture;
@@ -32,6 +33,7 @@ fn _smalto(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<renderer::Exported>()?;
     module.add_class::<renderer::Channels>()?;
+    module.add_class::<device_arrays::DeviceArrays>()?;
     module.add_function(wrap_pyfunction!(picture::compare, module)?)?;
     module.add_function(wrap_pyfunction!(renderer::reference, module)?)?;
     module.add_function(wrap_pyfunction!(renderer::device_for_cuda, module)?)?;

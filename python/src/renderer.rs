@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock, Mutex};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -21,6 +21,7 @@ use smalto::rules::{Background, Order, Rules};
 use crate::arrays::numbers;
 use crate::asked::{Asked, exported, wanted};
 use crate::camera::Camera;
+use crate::device_arrays::DeviceArrays;
 use crate::errors::{Error, exception};
 use crate::given::{Ground, given, optional};
 use crate::picture::{Content, Drawn, Picture, Spare, stage_times};
@@ -60,8 +61,12 @@ pub fn device_for_cuda(py: Python, device: Option<&Bound<PyAny>>) -> PyResult<(S
     check_process()?;
     let name = named_device(device)?;
     let device = py.detach(|| open((name, None))).map_err(exception)?;
+    Ok(for_cuda(&device))
+}
+
+fn for_cuda(device: &Device) -> (String, bool) {
     let capabilities = device.capabilities();
-    Ok((capabilities.uuid.clone(), capabilities.has(Feature::ExportedMemory)))
+    (capabilities.uuid.clone(), capabilities.has(Feature::ExportedMemory))
 }
 
 /// Draws pictures of one scene on one device, and keeps what it needs for the next one.
@@ -78,25 +83,36 @@ pub struct Renderer {
     /// What is asked for while work holds the lock.
     device: Device,
     is_certified: bool,
+    /// What `smalto._cuda` keeps for the next update.
+    arrays: Mutex<Option<Py<PyAny>>>,
 }
 
-struct Inner {
+pub struct Inner {
     device: Device,
     asked: Asked,
-    is_certified: bool,
-    source: SceneSource,
+    pub is_certified: bool,
+    /// `None` if the Gaussians are on the device alone.
+    pub source: Option<SceneSource>,
+    pub is_antialiased: bool,
     /// Of a scene of features, the rows of its arrays that are Gaussians.
-    rows: Option<Arc<Vec<u32>>>,
+    pub rows: Option<Rows>,
     /// Made when they are needed and not there, as after an update that failed.
-    scene: Option<GpuScene>,
-    drawing: Option<Arc<Mutex<Drawing>>>,
+    pub scene: Option<GpuScene>,
+    pub drawing: Option<Arc<Mutex<Drawing>>>,
     spare: Arc<Spare>,
 }
 
+/// Rows of arrays.
+#[derive(Clone)]
+pub enum Rows {
+    All,
+    Some(Arc<Vec<u32>>),
+}
+
 /// Draws with one near plane.
-struct Drawing {
+pub struct Drawing {
     near: f32,
-    stream: FrameQueue,
+    pub stream: FrameQueue,
 }
 
 /// A view on the GPU.
@@ -137,7 +153,8 @@ impl Renderer {
                 device: open(choice)?,
                 asked,
                 is_certified: certified,
-                source,
+                is_antialiased: source.is_antialiased,
+                source: Some(source),
                 rows,
                 scene: None,
                 drawing: None,
@@ -148,7 +165,7 @@ impl Renderer {
         })?;
         let inner = made.map_err(exception)?;
         let device = inner.device.clone();
-        Ok(Self { inner: Arc::new(Mutex::new(inner)), device, is_certified: certified })
+        Ok(Self { inner: Arc::new(Mutex::new(inner)), device, is_certified: certified, arrays: Mutex::default() })
     }
 
     /// Draws a picture. `background` is red, green, blue, by default black, or None for a transparent one. `layers`
@@ -216,19 +233,70 @@ impl Renderer {
     fn update(&self, py: Python, scene: &Bound<PyAny>) -> PyResult<()> {
         check_process()?;
         let scene: PyRef<Scene> = given(scene, "scene", "a Scene")?;
-        let (inner, source, rows) = (self.inner.clone(), scene.source.clone(), scene.rows.clone());
-        let updated = interruptible(py, move |_| {
+        self.update_to(py, &scene)
+    }
+
+    /// Draws the Gaussians of these arrays from now on, as `update(Scene.from_arrays(...))` does. Tensors on the CUDA
+    /// device that draws do not leave it: that takes milliseconds for a million Gaussians. Memory of the device for a
+    /// copy of the arrays is kept for the next update. Errors: those of `Scene.from_arrays`.
+    #[pyo3(signature = (means, quats, scales, opacities, sh, *, antialiased = false))]
+    #[expect(clippy::too_many_arguments, reason = "those of Scene.from_arrays")]
+    fn update_arrays<'py>(
+        this: &Bound<'py, Self>,
+        means: &Bound<'py, PyAny>,
+        quats: &Bound<'py, PyAny>,
+        scales: &Bound<'py, PyAny>,
+        opacities: &Bound<'py, PyAny>,
+        sh: &Bound<'py, PyAny>,
+        antialiased: bool,
+    ) -> PyResult<()> {
+        check_process()?;
+        let py = this.py();
+        let arrays = [means, quats, scales, opacities, sh];
+        if means.hasattr("is_cuda")? {
+            let update = py.import("smalto._cuda")?.getattr("update")?;
+            if !update.call1((this, arrays.to_vec(), antialiased))?.is_none() {
+                return Ok(());
+            }
+        }
+        let scene = Scene::from_arrays(py, means, quats, scales, opacities, sh, antialiased)?;
+        this.get().update_to(py, &scene)
+    }
+
+    /// Memory of the device for the arrays of `count` Gaussians.
+    fn _device_arrays(&self, py: Python, count: usize, coefficients: usize) -> PyResult<DeviceArrays> {
+        py.detach(|| DeviceArrays::new(&self.device, count, coefficients)).map_err(exception)
+    }
+
+    /// Draws the Gaussians of arrays that CUDA has written. Returns the reason if the host is needed.
+    fn _take(&self, py: Python, arrays: &DeviceArrays, features: bool, antialiased: bool) -> PyResult<Option<String>> {
+        let (inner, arrays) = (self.inner.clone(), arrays.0.clone());
+        let taken = interruptible(py, move |_| {
             let mut inner = lock(&inner);
-            let near = inner.release();
-            let before = (std::mem::replace(&mut inner.source, source), std::mem::replace(&mut inner.rows, rows));
-            let made = inner.drawing(near).map(|_| ());
-            if made.is_err() {
-                (inner.source, inner.rows) = before;
+            let taken = inner.take(&mut lock(&arrays), features, antialiased);
+            if taken.is_err() {
                 inner.release();
             }
-            made
+            taken
         });
-        updated?.map_err(exception)
+        Ok(taken?.map_err(exception)?.map(|why| why.to_string()))
+    }
+
+    /// What `smalto._cuda` keeps for the next update.
+    #[getter]
+    fn _arrays(&self, py: Python) -> Option<Py<PyAny>> {
+        lock(&self.arrays).as_ref().map(|arrays| arrays.clone_ref(py))
+    }
+
+    #[setter]
+    fn set__arrays(&self, arrays: Option<Py<PyAny>>) {
+        let before = std::mem::replace(&mut *lock(&self.arrays), arrays);
+        drop(before);
+    }
+
+    /// The UUID of the device, by which CUDA knows it, and whether it has memory that CUDA opens.
+    fn _for_cuda(&self) -> (String, bool) {
+        for_cuda(&self.device)
     }
 
     /// Brings up to three channels of features to the device, (N, D) for the N rows of the arrays of the scene.
@@ -241,11 +309,14 @@ impl Renderer {
             let near = inner.near();
             inner.drawing(near)?;
             let (Some(scene), Some(rows)) = (&inner.scene, &inner.rows) else { bail!("the scene has no features") };
-            let of_row = |row: &u32| {
-                let row = &values[*row as usize * channels..][..channels];
+            let of_row = |row: usize| {
+                let row = &values[row * channels..][..channels];
                 std::array::from_fn(|channel| row.get(channel).copied().unwrap_or(0.0))
             };
-            let gathered: Vec<[f32; 3]> = rows.par_iter().map(of_row).collect();
+            let gathered: Vec<[f32; 3]> = match rows {
+                Rows::All => (0..scene.len()).into_par_iter().map(of_row).collect(),
+                Rows::Some(rows) => rows.par_iter().map(|row| of_row(*row as usize)).collect(),
+            };
             scene.upload_features(&inner.device, &gathered)
         });
         Ok(Channels(brought.map_err(exception)?))
@@ -305,6 +376,30 @@ impl Renderer {
     }
 }
 
+impl Renderer {
+    /// Draws this scene from now on.
+    fn update_to(&self, py: Python, scene: &Scene) -> PyResult<()> {
+        let (inner, source, rows) = (self.inner.clone(), scene.source.clone(), scene.rows.clone());
+        let updated = interruptible(py, move |_| {
+            let mut inner = lock(&inner);
+            let near = inner.release();
+            let is_antialiased = source.is_antialiased;
+            let before = (
+                inner.source.replace(source),
+                std::mem::replace(&mut inner.is_antialiased, is_antialiased),
+                std::mem::replace(&mut inner.rows, rows),
+            );
+            let made = inner.drawing(near).map(|_| ());
+            if made.is_err() {
+                (inner.source, inner.is_antialiased, inner.rows) = before;
+                inner.release();
+            }
+            made
+        });
+        updated?.map_err(exception)
+    }
+}
+
 impl Inner {
     /// Frees the scene on the device. Returns the near plane of the last view.
     fn release(&mut self) -> f32 {
@@ -314,14 +409,19 @@ impl Inner {
     }
 
     /// The near plane of the last view.
-    fn near(&self) -> f32 {
+    pub fn near(&self) -> f32 {
         let last = self.drawing.as_ref().map(|drawing| lock(drawing).near);
         last.unwrap_or_else(|| self.options().rules.near)
     }
 
-    fn options(&self) -> Options {
-        let mut options = self.asked.options(self.source.is_antialiased);
-        if self.rows.is_some() {
+    pub fn options(&self) -> Options {
+        self.options_of(self.is_antialiased, self.rows.is_some())
+    }
+
+    /// The options for a scene that was trained so, or of features.
+    pub fn options_of(&self, is_antialiased: bool, has_features: bool) -> Options {
+        let mut options = self.asked.options(is_antialiased);
+        if has_features {
             options.rules.features = true;
             options.sh_storage = Storage::F32;
         }
@@ -329,12 +429,13 @@ impl Inner {
     }
 
     /// What draws the scene with this near plane.
-    fn drawing(&mut self, near: f32) -> Result<&Arc<Mutex<Drawing>>> {
+    pub fn drawing(&mut self, near: f32) -> Result<&Arc<Mutex<Drawing>>> {
         if self.drawing.as_ref().is_none_or(|drawing| lock(drawing).near != near) {
             let mut options = self.options();
             options.rules.near = near;
             if self.scene.is_none() {
-                self.scene = Some(self.source.upload_with(
+                let source = self.source.as_ref().context("an update failed, and the Gaussians before it are gone")?;
+                self.scene = Some(source.upload_with(
                     &self.device,
                     &options,
                     Upload { is_certifiable: self.is_certified, ..Upload::default() },

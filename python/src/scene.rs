@@ -8,24 +8,26 @@ use std::sync::atomic::Ordering;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use rayon::prelude::*;
 use smalto::camera;
 use smalto::formats::{SceneFile, write_file};
 use smalto::procedural::Procedural;
 use smalto::render::SceneSource;
-use smalto::scene::{Activated, Builder, Gaussians, MAX_SH_DEGREE, Watch, sh_coefficients};
+use smalto::scene::{Arrays, Gaussians, MAX_SH_DEGREE, Watch, sh_coefficients};
 
 use crate::arrays::{Numbers, numbers};
 use crate::camera::{Camera, usable};
 use crate::errors::exception;
 use crate::given::{self, given, optional};
 use crate::process::{check_process, interruptible};
+use crate::renderer::Rows;
 
 /// Gaussians, in the memory of the host or in a page file.
 #[pyclass(module = "smalto", frozen)]
 pub struct Scene {
     pub source: SceneSource,
     /// Of a scene of features, the rows of its arrays that became Gaussians; those with the opacity 0 did not.
-    pub rows: Option<Arc<Vec<u32>>>,
+    pub rows: Option<Rows>,
 }
 
 #[pymethods]
@@ -79,9 +81,12 @@ impl Scene {
         antialiased: bool,
     ) -> PyResult<Self> {
         check_process()?;
-        let arrays = Arrays::of([means, quats, scales, opacities], Some(sh))?;
+        let arrays = Given::of([means, quats, scales, opacities], Some(sh))?;
         let values = arrays.view();
-        py.detach(|| values.scene(antialiased))
+        py.detach(|| {
+            let gaussians = gaussians(values)?;
+            Ok(Self::of(SceneSource { is_antialiased: antialiased, ..SceneSource::of(gaussians) }))
+        })
     }
 
     /// A scene whose Gaussians have features in the place of colours. `Renderer._bring` brings them to the device.
@@ -94,9 +99,9 @@ impl Scene {
         opacities: &Bound<PyAny>,
     ) -> PyResult<Self> {
         check_process()?;
-        let arrays = Arrays::of([means, quats, scales, opacities], None)?;
+        let arrays = Given::of([means, quats, scales, opacities], None)?;
         let values = arrays.view();
-        py.detach(|| values.scene_of_features())
+        py.detach(|| scene_of_features(values))
     }
 
     /// Writes the scene as .ply, .compressed.ply, .spz, .splat, .sog or .glb, and reads it back before it replaces what
@@ -195,13 +200,13 @@ impl Scene {
 }
 
 /// The arrays of a scene, as Python gave them.
-struct Arrays<'py> {
+struct Given<'py> {
     geometry: [Numbers<'py, f32>; 4],
     sh: Option<Numbers<'py, f32>>,
     degree: u32,
 }
 
-impl<'py> Arrays<'py> {
+impl<'py> Given<'py> {
     fn of(
         [means, quats, scales, opacities]: [&Bound<'py, PyAny>; 4],
         sh: Option<&Bound<'py, PyAny>>,
@@ -223,76 +228,54 @@ impl<'py> Arrays<'py> {
         Ok(Self { geometry: [means, quats, scales, opacities], sh, degree })
     }
 
-    fn view(&self) -> Values<'_> {
-        let [means, quats, scales, opacities] = self.geometry.each_ref().map(Numbers::values);
-        let sh = self.sh.as_ref().map_or(&[][..], Numbers::values);
-        Values { means, quats, scales, opacities, sh, degree: self.degree }
+    /// The values; without `sh` for a scene of features.
+    fn view(&self) -> Arrays<'_> {
+        let [means, rotations, scales, opacities] = self.geometry.each_ref().map(Numbers::values);
+        Arrays {
+            means: means.as_chunks().0,
+            rotations: rotations.as_chunks().0,
+            scales: scales.as_chunks().0,
+            opacities,
+            sh: self.sh.as_ref().map_or(&[], |sh| sh.values().as_chunks().0),
+            sh_degree: self.degree,
+        }
     }
-}
-
-/// The values of the arrays of a scene.
-struct Values<'a> {
-    means: &'a [f32],
-    quats: &'a [f32],
-    scales: &'a [f32],
-    opacities: &'a [f32],
-    sh: &'a [f32],
-    degree: u32,
 }
 
 /// Opacities that are taken. The builder clamps what rounding adds to the range from 0 to 1.
 const OPACITIES: RangeInclusive<f32> = -1e-5..=1.0 + 1e-5;
 
-impl Values<'_> {
-    fn scene(self, is_antialiased: bool) -> PyResult<Scene> {
-        let stride = 3 * sh_coefficients(self.degree);
-        let gaussians = self.gaussians(|i, sh| sh.copy_from_slice(&self.sh[i * stride..][..stride]))?;
-        Ok(Scene::of(SceneSource { is_antialiased, ..SceneSource::of(gaussians) }))
-    }
+/// The colours of the scene are the vectors of its rotations until it gets features: numbers of the size 1, by which
+/// the two paths of the renderer can be compared, while features may be of any size.
+fn scene_of_features(arrays: Arrays) -> PyResult<Scene> {
+    let vector = |quat: &[f32; 4]| {
+        let length = quat.iter().map(|v| v * v).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
+        [1, 2, 3].map(|i| (quat[i] / length).clamp(-1.0, 1.0))
+    };
+    let vectors: Vec<_> = arrays.rotations.par_iter().map(vector).collect();
+    let gaussians = gaussians(Arrays { sh: &vectors, ..arrays })?;
+    let rows = (0..).zip(arrays.opacities).filter(|(_, opacity)| **opacity > 0.0).map(|(row, _)| row);
+    let rows = Some(Rows::Some(Arc::new(rows.collect())));
+    Ok(Scene { rows, ..Scene::of(SceneSource::of(gaussians)) })
+}
 
-    /// The colours of the scene are the vectors of its rotations until it gets features: numbers of the size 1, by which
-    /// the two paths of the renderer can be compared, while features may be of any size.
-    fn scene_of_features(self) -> PyResult<Scene> {
-        let gaussians = self.gaussians(|i, sh| {
-            let quat = &self.quats[4 * i..][..4];
-            let length = quat.iter().map(|v| v * v).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
-            sh.iter_mut().zip(&quat[1..]).for_each(|(to, v)| *to = (v / length).clamp(-1.0, 1.0));
-        })?;
-        let rows = (0..).zip(self.opacities).filter(|(_, opacity)| **opacity > 0.0).map(|(row, _)| row);
-        let rows = Some(Arc::new(rows.collect()));
-        Ok(Scene { rows, ..Scene::of(SceneSource::of(gaussians)) })
+fn gaussians(arrays: Arrays) -> PyResult<Gaussians> {
+    let wrong = |what: &str, row: usize| Err(PyValueError::new_err(format!("{what} in row {row}")));
+    if let Some(row) = arrays.scales.iter().position(|scale| scale.iter().any(|scale| *scale < 0.0)) {
+        return wrong("scales: a standard deviation is negative", row);
     }
-
-    fn gaussians(&self, look: impl Fn(usize, &mut [f32]) + Sync) -> PyResult<Gaussians> {
-        let wrong = |what: &str, row: usize| Err(PyValueError::new_err(format!("{what} in row {row}")));
-        if let Some(place) = self.scales.iter().position(|scale| *scale < 0.0) {
-            return wrong("scales: a standard deviation is negative", place / 3);
-        }
-        if let Some(row) = self.opacities.iter().position(|opacity| !OPACITIES.contains(opacity)) {
-            return wrong("opacities: a value is not from 0 to 1", row);
-        }
-        if let Some(row) = self.quats.chunks_exact(4).position(|quat| quat == [0.0; 4]) {
-            return wrong("quats: the length is 0", row);
-        }
-        let count = self.opacities.len();
-        let mut builder = Builder::new(self.degree, count).map_err(|why| exception(why.into()))?;
-        let wide = |values: &[f32], i: usize| -> [f64; 3] { std::array::from_fn(|k| f64::from(values[3 * i + k])) };
-        builder.extend(count, |i, sh| {
-            look(i, sh.as_flattened_mut());
-            Activated {
-                mean: wide(self.means, i),
-                scale: wide(self.scales, i),
-                rotation: std::array::from_fn(|k| f64::from(self.quats[4 * i + k])),
-                opacity: self.opacities[i].into(),
-            }
-        });
-        let (gaussians, report) = builder.finish();
-        let unusable = report.dropped() - report.transparent;
-        if unusable > 0 {
-            return Err(PyValueError::new_err(format!("{unusable} Gaussians have values too large to be drawn")));
-        }
-        Ok(gaussians)
+    if let Some(row) = arrays.opacities.iter().position(|opacity| !OPACITIES.contains(opacity)) {
+        return wrong("opacities: a value is not from 0 to 1", row);
     }
+    if let Some(row) = arrays.rotations.iter().position(|quat| *quat == [0.0; 4]) {
+        return wrong("quats: the length is 0", row);
+    }
+    let (gaussians, report) = arrays.gaussians().map_err(|why| exception(why.into()))?;
+    let unusable = report.dropped() - report.transparent;
+    if unusable > 0 {
+        return Err(PyValueError::new_err(format!("{unusable} Gaussians have values too large to be drawn")));
+    }
+    Ok(gaussians)
 }
 
 /// An array with one row per Gaussian.

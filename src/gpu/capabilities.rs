@@ -97,6 +97,8 @@ impl fmt::Display for DeviceKind {
 pub enum Feature {
     /// Arithmetic with 16-bit floats in shaders.
     HalfFloats,
+    /// Arithmetic with 64-bit floats in shaders.
+    DoubleFloats,
     Storage8,
     Storage16,
     /// A stage can ask for one subgroup size.
@@ -121,6 +123,7 @@ impl fmt::Display for Feature {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::HalfFloats => "f16 arithmetic",
+            Self::DoubleFloats => "f64 arithmetic",
             Self::Storage8 => "8-bit storage",
             Self::Storage16 => "16-bit storage",
             Self::SubgroupSizeControl => "subgroup size control",

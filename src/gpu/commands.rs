@@ -262,6 +262,8 @@ impl Commands {
 
     fn bind<S: Shader>(&mut self, stage: &Stage<S>, bindings: &S::Bindings<'_>, push: &S::Push) {
         let (mut buffers, mut images) = (Vec::new(), Vec::new());
+        // A resource may be bound several times.
+        let mut written = Vec::new();
         let mut declared = S::BINDINGS.iter().flat_map(|b| std::iter::repeat_n(b, b.count as usize));
         bindings.each(&mut |resource| {
             let binding = declared.next().expect("generated bindings match the generated table");
@@ -269,7 +271,8 @@ impl Commands {
             if binding.reads {
                 self.reads(resource, S::NAME, Access::SHADER_READ);
             }
-            if binding.writes {
+            if binding.writes && !written.contains(&resource.id()) {
+                written.push(resource.id());
                 self.writes(resource, S::NAME, Access::SHADER_WRITE);
             }
             match resource {

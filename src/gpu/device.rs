@@ -132,6 +132,7 @@ impl Device {
         let robust = checked && capabilities.has(Feature::RobustBufferAccess);
         let core = vk::PhysicalDeviceFeatures::default()
             .robust_buffer_access(robust)
+            .shader_float64(capabilities.has(Feature::DoubleFloats))
             .shader_storage_image_write_without_format(capabilities.has(Feature::AnyImageFormat));
         let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
             .scalar_block_layout(true)

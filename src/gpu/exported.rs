@@ -20,17 +20,16 @@ pub struct Handle {
 }
 
 impl Storage {
-    /// A buffer for copies whose memory can be exported.
+    /// A buffer whose memory can be exported.
     ///
     /// # Errors
     /// If the device exports no memory, a limit of memory is set, which such memory would not count towards, or memory
     /// runs out.
-    pub(super) fn exportable(device: &Arc<Shared>, name: &str, bytes: u64) -> Result<Self> {
+    pub(super) fn exportable(device: &Arc<Shared>, name: &str, bytes: u64, usage: vk::BufferUsageFlags) -> Result<Self> {
         let device_name = &device.capabilities.name;
         ensure!(device.capabilities.has(Feature::ExportedMemory), "{device_name} exports no memory");
         ensure!(device.budget.user_limit.is_none(), "no memory is exported under a limit of memory");
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(EXPORT_HANDLE);
-        let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage).push_next(&mut external);
         let mut storage = Self::unbound(device, name, &info)?;
         // SAFETY: clause 1.

@@ -14,6 +14,10 @@ use super::element::Element;
 use super::exported::Handle;
 use super::hazards::Access;
 
+const COPIES: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
+    vk::BufferUsageFlags::TRANSFER_SRC.as_raw() | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
+);
+
 /// `len` elements of type `T` in host memory, for copies that are repeated every frame; or in device memory that other
 /// APIs open.
 pub struct Staging<T> {
@@ -28,9 +32,8 @@ impl<T: Element> Staging<T> {
     /// # Errors
     /// [`OutOfMemory`](crate::host_memory::OutOfMemory) if the memory cannot be allocated.
     pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
-        let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let bytes = (len.max(1) * size_of::<T>()) as u64;
-        let storage = Storage::new(&device.0, name, bytes, usage, MemoryLocation::GpuToCpu)?;
+        let storage = Storage::new(&device.0, name, bytes, COPIES, MemoryLocation::GpuToCpu)?;
         Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
     }
 
@@ -39,7 +42,7 @@ impl<T: Element> Staging<T> {
     /// # Errors
     /// If the device exports no memory, a limit of memory is set, or memory runs out.
     pub fn exportable(device: &Device, name: &str, len: usize) -> Result<Self> {
-        let storage = Storage::exportable(&device.0, name, (len.max(1) * size_of::<T>()) as u64)?;
+        let storage = Storage::exportable(&device.0, name, (len.max(1) * size_of::<T>()) as u64, COPIES)?;
         Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
     }
 
@@ -107,13 +110,19 @@ impl Commands {
             return;
         }
         self.writes(to.resource(), "upload", Access::COPY_WRITE);
-        let bytes = |words: usize| 4 * words as u64;
-        let region = |(here, there, len): &(usize, usize, usize)| vk::BufferCopy {
-            src_offset: bytes(*here),
-            dst_offset: bytes(*there),
-            size: bytes(*len),
-        };
-        self.copy_regions(&from.storage, &to.storage, &parts.iter().map(region).collect::<Vec<_>>());
+        self.copy_regions(&from.storage, &to.storage, &regions(parts));
+    }
+
+    /// Copies parts of a buffer to parts of the words: first word there, first word here, number of words.
+    ///
+    /// # Panics
+    /// If a part ends outside of either side.
+    pub fn download_parts(&mut self, from: &Buffer<u32>, to: &Staging<u32>, parts: &[(usize, usize, usize)]) {
+        let are_inside = parts.iter().all(|(there, here, len)| there + len <= from.len() && here + len <= to.len);
+        assert!(are_inside, "the parts of `{}` lie in it and fit", from.name());
+        self.reads(from.resource(), "download", Access::COPY_READ);
+        self.has_readbacks = true;
+        self.copy_regions(&from.storage, &to.storage, &regions(parts));
     }
 
     fn copy_elements<T>(&mut self, from: &Arc<Storage>, to: &Arc<Storage>, len: usize) {
@@ -122,4 +131,15 @@ impl Commands {
             self.copy_buffer(from, to, vk::BufferCopy { src_offset: 0, dst_offset: 0, size });
         }
     }
+}
+
+/// Regions of a copy: first word of the source, first word of the target, number of words.
+fn regions(parts: &[(usize, usize, usize)]) -> Vec<vk::BufferCopy> {
+    let bytes = |words: usize| 4 * words as u64;
+    let region = |(from, to, len): &(usize, usize, usize)| vk::BufferCopy {
+        src_offset: bytes(*from),
+        dst_offset: bytes(*to),
+        size: bytes(*len),
+    };
+    parts.iter().map(region).collect()
 }

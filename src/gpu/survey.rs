@@ -5,6 +5,7 @@ use std::ffi::CStr;
 use anyhow::Result;
 use ash::{ext, khr, vk};
 
+use super::buffer::BUFFER_USAGE;
 use super::capabilities::{
     Capabilities, DeviceKind, EXPORT_HANDLE, Feature, Limits, MAX_STORAGE_BUFFERS, RequiredSubgroups,
 };
@@ -170,6 +171,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
     let missing = requirements.iter().filter(|(_, met)| !met).map(|(what, _)| (*what).to_owned()).collect();
     let features = vec![
         (Feature::HalfFloats, features12.shader_float16 == vk::TRUE),
+        (Feature::DoubleFloats, core.shader_float64 == vk::TRUE),
         (Feature::Storage8, features12.storage_buffer8_bit_access == vk::TRUE),
         (Feature::Storage16, features11.storage_buffer16_bit_access == vk::TRUE),
         (Feature::SubgroupSizeControl, features13.subgroup_size_control == vk::TRUE),
@@ -240,10 +242,9 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
     })
 }
 
-/// True if buffers for copies can have memory that other APIs open.
+/// True if buffers can have memory that other APIs open.
 fn exports(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
-    let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
-    let info = vk::PhysicalDeviceExternalBufferInfo::default().usage(usage).handle_type(EXPORT_HANDLE);
+    let info = vk::PhysicalDeviceExternalBufferInfo::default().usage(BUFFER_USAGE).handle_type(EXPORT_HANDLE);
     let mut found = vk::ExternalBufferProperties::default();
     // SAFETY: clause 1.
     unsafe { instance.raw.get_physical_device_external_buffer_properties(raw, &info, &mut found) };

@@ -41,7 +41,7 @@ pub const FOCUSED: usize = 1 << 18;
 
 /// Colour channels up to which coefficients need no examination: rounding to 16-bit floats changes a value by at most
 /// 2^-11 of it.
-const EXAMINED: f64 = 0.99 * 2.0 / 255.0 * 2048.0;
+pub const EXAMINED: f64 = 0.99 * 2.0 / 255.0 * 2048.0;
 
 impl Statistics {
     /// The statistics of a scene in memory.

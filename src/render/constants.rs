@@ -43,6 +43,12 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
     }
 }
 
+/// True if pipelines with these options draw scenes of both layouts.
+pub(super) fn are_drawn_alike(options: &Options, layouts: [&Layout; 2]) -> bool {
+    let [a, b] = layouts.map(|layout| shared(options, layout, u32::BITS));
+    a == b
+}
+
 /// The width of the band in which nodes fade, as codes of errors.
 pub(super) fn fade_codes(options: &Options) -> u32 {
     (f64::from(options.lod_fade) * CODES_PER_OCTAVE).round() as u32
@@ -55,7 +61,7 @@ fn transmittance_at_alpha_max(alpha_max: f32) -> f32 {
 }
 
 /// The number that shaders know a number format by.
-fn stored(packing: Packing) -> u32 {
+pub(super) fn stored(packing: Packing) -> u32 {
     match packing.storage {
         Storage::Lossless | Storage::F32 => STORED_F32,
         Storage::F16 => STORED_F16,

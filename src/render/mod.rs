@@ -11,6 +11,9 @@
 //! the depth keys of a frame, and `constants` maps options to specialization constants, with a code of `frame`.
 //! -> `shaders`
 //!
+//! **`arrays`.** Scenes that are packed on the device, from arrays that another API wrote there. -> `scene`,
+//! `constants`
+//!
 //! **`portable`.** The path that runs on every device: cull, project, sort by depth, list in tiles, blend.
 //! -> `scene`, `frame`, `constants`, `capacity`
 //!
@@ -39,6 +42,7 @@
 //!
 //! **`frame_queue`.** Several frames in flight, and their pixels on the host. -> `renderer`, `pack`
 
+mod arrays;
 mod capacity;
 mod constants;
 mod fast;
@@ -63,6 +67,8 @@ mod slabs;
 mod streaming;
 mod upscale;
 
+#[doc(hidden)]
+pub use arrays::{DeviceArrays, Examination, HostNeeded};
 #[doc(hidden)]
 pub use capacity::Capacity;
 #[doc(hidden)]

@@ -3,6 +3,7 @@
 //! - `gaussians` - the Gaussians of a scene as a structure of arrays
 //! - `stored` - a Gaussian as files store it
 //! - `canonical` - validates such values and makes them canonical: `Builder`
+//! - `arrays` - Gaussians from arrays of training programs
 //! - `from_canonical` - Gaussians from values that are canonical already
 //! - `loaded` - a scene with its load report, and the errors of reading
 //! - `watch` - progress, partial scenes and cancelling while a scene is read
@@ -16,6 +17,7 @@
 //! - `morton` - the order of points along a space-filling curve
 //! - `random` - seeded random numbers, equal on every machine
 
+mod arrays;
 mod bounds;
 mod canonical;
 mod columns;
@@ -36,6 +38,7 @@ mod stored;
 mod transform;
 mod watch;
 
+pub use arrays::Arrays;
 pub use bounds::{Bounds, Focus};
 pub use canonical::Builder;
 pub use gaussians::{Gaussians, MAX_SH_DEGREE, USUAL_SH_DEGREE, sh_coefficients};

@@ -128,6 +128,11 @@ impl StoredValues {
         }
     }
 
+    /// False if the spherical harmonics, or the scales, are on no grid.
+    pub fn may_be_on_grids(&self) -> [bool; 2] {
+        [self.sh.may_have_grids(), self.scales.may_have_grids() && self.are_few]
+    }
+
     fn sh_grids(&self, degree: u32) -> Option<[Grid; sh_coefficients(MAX_SH_DEGREE)]> {
         let mut grids = [Grid::UNUSED; sh_coefficients(MAX_SH_DEGREE)];
         let coefficients = sh_coefficients(degree);

@@ -41,7 +41,7 @@ const EDGES: [(&str, &str); 23] = [
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
-const RENDER_ROOMS: [(&str, &str); 22] = [
+const RENDER_ROOMS: [(&str, &str); 23] = [
     ("shaders", ""),
     ("readback", ""),
     ("pack", "shaders"),
@@ -51,6 +51,7 @@ const RENDER_ROOMS: [(&str, &str); 22] = [
     ("scene", "shaders"),
     ("frame", "shaders scene"),
     ("constants", "shaders frame"),
+    ("arrays", "shaders scene constants"),
     ("portable", "shaders capacity scene frame constants"),
     ("fast", "shaders capacity scene frame constants portable"),
     ("inspect", "shaders scene frame constants portable"),
@@ -64,7 +65,8 @@ const RENDER_ROOMS: [(&str, &str); 22] = [
     ("self_test", "shaders readback capacity path scene frame fast path_choice"),
     (
         "renderer",
-        "shaders readback upscale capacity path scene frame inspect lod streaming recorded path_choice self_test",
+        "shaders readback upscale capacity path scene frame constants inspect lod streaming recorded path_choice \
+         self_test",
     ),
     ("frame_queue", "pack capacity path inspect recorded renderer"),
 ];

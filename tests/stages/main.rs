@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod arrays;
 mod extreme_counts;
 mod fast_blend;
 mod fast_input;

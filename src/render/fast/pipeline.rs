@@ -13,7 +13,7 @@ use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
-use crate::render::constants::shared;
+use crate::render::constants::{are_drawn_alike, shared};
 use crate::render::frame::{DepthKeys, Shot, Target, view};
 use crate::render::shaders::fast::*;
 use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
@@ -180,7 +180,10 @@ impl FastPipeline {
     /// [`prepare`](Self::prepare) was not called for this size.
     pub fn record(&self, cmd: &mut Commands, shot: Shot, work: &FastWorkspace, target: Target) {
         let Shot { scene, camera } = shot;
-        assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
+        assert!(
+            are_drawn_alike(&self.options, [&scene.layout, &self.layout]),
+            "a renderer draws scenes of the layout it was built for"
+        );
         let drawn_alpha = self.options.rules.alpha_min;
         assert!(scene.alpha_min <= drawn_alpha, "a scene is culled by no higher threshold than it is drawn by");
         let grid = self.grid(camera.size_px, scene.len());

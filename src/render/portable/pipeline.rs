@@ -11,7 +11,7 @@ use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
-use crate::render::constants::shared;
+use crate::render::constants::{are_drawn_alike, shared};
 use crate::render::frame::{
     DepthKeys, Shot, SubgroupLimits, Target, Variation, footprint_code, tile_bits, tiles, view,
 };
@@ -156,7 +156,10 @@ impl PortablePipeline {
         view: View,
         work: &PortableWorkspace,
     ) {
-        assert_eq!(scene.layout, self.layout, "a renderer draws scenes of the layout it was built for");
+        assert!(
+            are_drawn_alike(&self.options, [&scene.layout, &self.layout]),
+            "a renderer draws scenes of the layout it was built for"
+        );
         assert!(scene.alpha_min <= self.listed_alpha, "a scene is culled by no higher threshold than it is drawn by");
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, scene, view, work, self.depth_keys(scene, camera)));

@@ -17,6 +17,7 @@ use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render::capacity::{Capacity, MAX_ATTEMPTS};
+use crate::render::constants::are_drawn_alike;
 use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
 use crate::render::path::{Limits, Path};
@@ -109,6 +110,19 @@ impl Renderer {
     /// Draws these features of the scene from now on, in the place of its colours or of other features.
     pub fn show(&mut self, features: &Features) {
         self.scene = self.scene.with_features(features);
+    }
+
+    /// Draws this scene from now on, if the pipelines suit it: the number formats are the same, and both scenes are
+    /// whole. False if it needs another renderer. No frame may be on the GPU: it might be repeated.
+    pub fn replace_scene(&mut self, scene: &GpuScene) -> bool {
+        let is_drawn = !self.scene.is_paged()
+            && !scene.is_paged()
+            && are_drawn_alike(&self.options, [self.scene.layout(), scene.layout()]);
+        if is_drawn {
+            self.scene = scene.clone();
+            self.last.iter_mut().for_each(|last| last.has_tile_lists = false);
+        }
+        is_drawn
     }
 
     /// The reason why the fast path is not taken although device and options allow it, or why the scene is stored in

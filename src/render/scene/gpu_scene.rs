@@ -43,6 +43,16 @@ pub struct GpuScene {
     memory: SceneMemory,
 }
 
+/// What a scene has besides its planes.
+#[derive(Clone, Debug)]
+pub(crate) struct SceneInput {
+    pub layout: Layout,
+    pub extent: Bounds,
+    pub alpha_min: f32,
+    pub self_test_camera: Camera,
+    pub self_test_hash: blake3::Hash,
+}
+
 /// The Gaussians that the planes hold.
 #[derive(Clone)]
 enum SceneMemory {
@@ -133,23 +143,16 @@ impl GpuScene {
     #[doc(hidden)]
     pub fn with(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
         let len = gaussians.len();
-        let layout = Layout::of(statistics, options);
-        let scene = Self {
-            bounds: Buffer::new(device, BOUNDS, len)?,
-            shapes: planes(device, "shapes", layout.shape_words(), len)?,
-            sh: planes(device, "sh", layout.sh_words(), len)?,
-            grids: Buffer::new(device, "grids", 1)?,
-            len,
+        let input = SceneInput {
+            layout: Layout::of(statistics, options),
             extent: statistics.extent,
+            alpha_min: options.rules.alpha_min,
             self_test_camera: self_test_camera(gaussians.means(), options.rules.near),
             self_test_hash: self_test_hash(gaussians, options.rules.near),
-            alpha_min: options.rules.alpha_min,
-            layout,
-            nodes: len,
-            memory: SceneMemory::Whole,
         };
+        let scene = Self::allocated(device, len, &input)?;
         let mut commands = Commands::new(device)?;
-        commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
+        scene.upload_grids(&mut commands)?;
         let mut in_flight = commands.submit()?;
         for first in (0..len).step_by(UPLOAD_CHUNK) {
             let mut commands = Commands::new(device)?;
@@ -159,6 +162,55 @@ impl GpuScene {
         }
         in_flight.wait()?;
         Ok(scene)
+    }
+
+    /// A scene of `len` Gaussians in planes without content.
+    fn allocated(device: &Device, len: usize, input: &SceneInput) -> Result<Self> {
+        let SceneInput { layout, extent, alpha_min, self_test_camera, self_test_hash } = input.clone();
+        Ok(Self {
+            bounds: Buffer::new(device, BOUNDS, len)?,
+            shapes: planes(device, "shapes", layout.shape_words(), len)?,
+            sh: planes(device, "sh", layout.sh_words(), len)?,
+            grids: Buffer::new(device, "grids", 1)?,
+            layout,
+            len,
+            nodes: len,
+            extent,
+            self_test_camera,
+            self_test_hash,
+            alpha_min,
+            memory: SceneMemory::Whole,
+        })
+    }
+
+    /// A scene of `len` Gaussians whose planes and grids are to be filled: those of `spare`, if they are large enough.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`] if fewer than `reserve` bytes, and some for lists, would stay free.
+    pub(crate) fn unfilled(
+        device: &Device,
+        len: usize,
+        input: &SceneInput,
+        spare: Option<Self>,
+        reserve: u64,
+    ) -> Result<Self> {
+        let SceneInput { layout, extent, alpha_min, self_test_camera, self_test_hash } = input.clone();
+        if let Some(spare) = spare.filter(|spare| spare.is_on(device) && spare.has_planes_for(&layout, len)) {
+            return Ok(Self { layout, extent, alpha_min, self_test_camera, self_test_hash, ..spare });
+        }
+        check_room(device, layout.bytes_each() * len as u64, reserve)?;
+        Self::allocated(device, len, input)
+    }
+
+    /// True if the planes of this scene can hold `len` Gaussians of this layout.
+    pub(crate) fn has_planes_for(&self, layout: &Layout, len: usize) -> bool {
+        let words = |layout: &Layout| [layout.shape_words(), layout.sh_words()];
+        !self.is_paged() && self.len == len && words(&self.layout) == words(layout)
+    }
+
+    /// Uploads the grids of the layout.
+    pub(crate) fn upload_grids(&self, commands: &mut Commands) -> Result<()> {
+        commands.upload(&self.grids, 0, 1, |memory| memory[0] = grids(&self.layout))
     }
 
     /// Uploads `gaussians` if `reserve` bytes, and some for lists, stay free.
@@ -172,14 +224,7 @@ impl GpuScene {
         options: &Options,
         reserve: u64,
     ) -> Result<Self> {
-        let bytes = Layout::of(statistics, options).bytes_each() * gaussians.len() as u64;
-        let free = device.free_bytes();
-        let room = free.saturating_sub(reserve + MIN_LIST_BYTES);
-        // Without memory for the pictures pages do not help: their own allocation then reports the failure.
-        if bytes > room && (room > 0 || bytes > free) {
-            let reason = format!("{room} bytes of device memory are left for it");
-            return Err(OutOfMemory { name: "scene".to_owned(), bytes: Some(bytes), reason }.into());
-        }
+        check_room(device, Layout::of(statistics, options).bytes_each() * gaussians.len() as u64, reserve)?;
         Self::with(device, gaussians, statistics, options)
     }
 
@@ -247,7 +292,7 @@ impl GpuScene {
             })),
         };
         let mut commands = Commands::new(device)?;
-        commands.upload(&scene.grids, 0, 1, |memory| memory[0] = grids(&scene.layout))?;
+        scene.upload_grids(&mut commands)?;
         commands.submit()?.wait()?;
         Ok(scene)
     }
@@ -363,9 +408,15 @@ impl GpuScene {
 
     /// The name and the bytes of every buffer.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
-        let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh).map(Buffer::footprint);
+        let planes = self.planes().map(Buffer::footprint);
         let words = self.paged().into_iter().flat_map(Paged::buffers).map(Buffer::footprint);
         planes.chain(words).chain([self.grids.footprint()]).collect()
+    }
+
+    /// The planes of bounds, of shapes and of spherical harmonics.
+    #[doc(hidden)]
+    pub fn planes(&self) -> impl Iterator<Item = &Buffer<[u32; 4]>> {
+        std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh)
     }
 
     /// The planes of shapes. The last one is repeated where the layout has fewer planes: pipelines do not read it
@@ -382,8 +433,8 @@ impl GpuScene {
     fn upload(&self, commands: &mut Commands, gaussians: &Gaussians, range: Range<usize>) -> Result<()> {
         let layout = &self.layout;
         let widths = [4].into_iter().chain(plane_widths(layout.shape_words())).chain(plane_widths(layout.sh_words()));
-        let planes = std::iter::once(&self.bounds).chain(&self.shapes).chain(&self.sh);
-        let places: Vec<_> = planes
+        let places: Vec<_> = self
+            .planes()
             .zip(widths.clone())
             .map(|(plane, width)| (plane, range.start * width / 4..(range.end * width).div_ceil(4)))
             .collect();
@@ -415,6 +466,18 @@ impl Paged {
     fn buffers(&self) -> impl Iterator<Item = &Buffer<u32>> {
         [&self.indices, &self.slots, &self.last_used].into_iter().chain(&self.lod)
     }
+}
+
+/// Fails if a scene of this size would leave fewer than `reserve` bytes, and some for lists.
+fn check_room(device: &Device, bytes: u64, reserve: u64) -> Result<()> {
+    let free = device.free_bytes();
+    let room = free.saturating_sub(reserve + MIN_LIST_BYTES);
+    // Without memory for the pictures pages do not help: their own allocation then reports the failure.
+    if bytes > room && (room > 0 || bytes > free) {
+        let reason = format!("{room} bytes of device memory are left for it");
+        return Err(OutOfMemory { name: "scene".to_owned(), bytes: Some(bytes), reason }.into());
+    }
+    Ok(())
 }
 
 /// The planes of attributes of `words` words per Gaussian.

@@ -16,8 +16,8 @@ mod self_test_input;
 
 pub use features::Features;
 pub use gpu_scene::GpuScene;
-pub(crate) use gpu_scene::Paged;
+pub(crate) use gpu_scene::{Paged, SceneInput};
 pub use page_cache::PagesRead;
 pub(crate) use page_cache::{LoadedPage, PageCache};
 pub use scene_source::{Content, NoLevels, SceneSource, Upload};
-pub(crate) use self_test_input::{SELF_TEST_GAUSSIANS, SELF_TEST_SIZE};
+pub(crate) use self_test_input::{SELF_TEST_GAUSSIANS, SELF_TEST_SIZE, self_test_camera};

@@ -65,6 +65,12 @@ impl Upload {
     pub fn reserving(reserve_bytes: u64) -> Self {
         Self { is_certifiable: false, reserve_bytes }
     }
+
+    /// The options with the alpha below which Gaussians of the scene may be culled.
+    pub(crate) fn culling(&self, options: &Options) -> Options {
+        let alpha_min = if self.is_certifiable { LISTED_ALPHA } else { options.rules.alpha_min };
+        Options { rules: Rules { alpha_min, ..options.rules }, ..*options }
+    }
 }
 
 impl SceneSource {
@@ -189,8 +195,7 @@ impl SceneSource {
         let instances = self.instances.as_ref().filter(|_| self.count() > 0);
         ensure!(!is_certifiable || instances.is_none(), "pictures of scenes at places have no certificates");
         ensure!(!options.wants_levels() || self.has_levels() || self.count() == 0, NoLevels);
-        let alpha_min = if is_certifiable { LISTED_ALPHA } else { options.rules.alpha_min };
-        let options = &Options { rules: Rules { alpha_min, ..options.rules }, ..*options };
+        let options = &upload.culling(options);
         let pages = match &self.content {
             Content::Memory { gaussians, statistics } => {
                 let whole = || GpuScene::with_reserve(device, gaussians, statistics, options, reserve_bytes);
