@@ -4,6 +4,7 @@
 //! Times are between timestamps on the GPU. A row's limit is the time in which a copy, measured on the same device in
 //! the same run, moves the fewest bytes that the stage can do with.
 
+mod arrays;
 mod fast;
 
 use std::cell::RefCell;
@@ -62,6 +63,9 @@ fn main() -> Result<()> {
     }
     for integers in [Integers::Rgb8, Integers::Rgb16, Integers::Grey8] {
         run(&mut criterion, &device, pack(&device, integers, [1920, 1080 / scale])?, &mut rows)?;
+    }
+    for bench in arrays::benches(&device, (1 << 20) / scale as usize)? {
+        run(&mut criterion, &device, bench, &mut rows)?;
     }
     if let Some(fast) = fast::Fast::new(&device, (1 << 20) / scale)? {
         for bench in fast.benches() {

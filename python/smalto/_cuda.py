@@ -1,12 +1,18 @@
-"""Pictures that PyTorch reads on the device that drew them: memory of Vulkan, opened in CUDA."""
+"""Pictures that PyTorch reads on the device that drew them, and Gaussians that it writes there: memory of Vulkan, opened
+in CUDA."""
 
 import ctypes
 import os
+import sys
+import threading
 
-from ._smalto import Error, Exported, device_for_cuda
+from ._smalto import MAX_SH_DEGREE, Error, Exported
 
 _OPAQUE_FD = 1
 _DEDICATED = 1
+
+_lock = threading.Lock()
+_COEFFICIENTS = [(degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1)]
 
 
 class _Handle(ctypes.Structure):
@@ -55,6 +61,56 @@ class _Mapped:
             if getattr(self, "_pointer", None):
                 self._cuda.cuMemFree_v2(self._pointer)
             self._cuda.cuDestroyExternalMemory(self._memory)
+
+
+class Arrays:
+    """Memory for the arrays of Gaussians of one number and SH degree: `parts` are its means, quats, scales, opacities and
+    spherical harmonics, as PyTorch writes them."""
+
+    def __init__(self, torch, device, renderer, shapes):
+        self.key = (device, shapes)
+        self.memory = renderer._device_arrays(shapes[0][0], shapes[4][1])
+        bounds = self.memory.parts()
+        # Tensors of inference mode could not be written outside of it.
+        with torch.cuda.device(device), torch.inference_mode(False):
+            mapped = _Mapped(ctypes.CDLL("libcuda.so.1"), *self.memory.handle(), (bounds[-1][1],))
+            words = torch.as_tensor(mapped, device=device)
+            self.parts = [words[start:stop].view(shape) for (start, stop), shape in zip(bounds, shapes)]
+
+
+def update(renderer, arrays, antialiased, has_features=False):
+    """Draws the Gaussians of these arrays from now on, if they are tensors on the device that draws. Returns copies there,
+    which hold until the next update, or None if the host has to read the arrays: then it judges them."""
+    torch, shapes = sys.modules.get("torch"), tuple(tuple(getattr(values, "shape", ())) for values in arrays)
+    if torch is None or not all(isinstance(values, torch.Tensor) and values.is_cuda for values in arrays):
+        return None
+    count, coefficients = shapes[0][:1] + shapes[4][1:2] if len(shapes[0]) and len(shapes[4]) == 3 else (0, 0)
+    wanted = ((count, 3), (count, 4), (count, 3), (count,), (count, coefficients, 3))
+    device = arrays[0].device
+    if (
+        not count
+        or shapes != wanted
+        or coefficients not in _COEFFICIENTS
+        or any(values.device != device or values.dtype == torch.bool or values.is_complex() for values in arrays)
+        or not is_same_device(torch, device, renderer._for_cuda())
+    ):
+        return None
+    with _lock:
+        kept = renderer._arrays
+        if kept is None or kept.key != (device, shapes):
+            # The old memory is free before the new is taken.
+            kept = None
+            renderer._keep_arrays(None)
+            try:
+                kept = Arrays(torch, device, renderer, shapes)
+            except (Error, MemoryError):
+                return None
+        for part, values in zip(kept.parts, arrays):
+            part.copy_(values.detach())
+        torch.cuda.current_stream(device).synchronize()
+        is_drawn = renderer._take(kept.memory, has_features, antialiased) is None
+        renderer._keep_arrays(kept if is_drawn else None)
+        return kept.parts if is_drawn else None
 
 
 class Frame:
@@ -112,8 +168,9 @@ class Frames:
 
 
 def is_same_device(torch, device, vulkan):
-    """True if the device of PyTorch is that of Vulkan with this name, and can open its memory."""
-    uuid, exports = device_for_cuda(vulkan)
+    """True if the device of PyTorch is that of Vulkan, and can open its memory: `vulkan` is the UUID, and whether it has
+    such memory."""
+    uuid, exports = vulkan
     # Earlier versions of PyTorch do not tell the UUID.
     return exports and str(getattr(torch.cuda.get_device_properties(device), "uuid", "")) == uuid
 
@@ -122,4 +179,4 @@ def _check(cuda, code):
     if code != 0:
         text = ctypes.c_char_p()
         cuda.cuGetErrorString(code, ctypes.byref(text))
-        raise Error(f"CUDA cannot open the memory of a picture: {(text.value or b'?').decode()}")
+        raise Error(f"CUDA cannot open memory of Vulkan: {(text.value or b'?').decode()}")

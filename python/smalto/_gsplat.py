@@ -9,8 +9,9 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from ._cuda import Frames, is_same_device
+from ._cuda import update as update_on_device
 from ._meta import Meta, is_tensor, of_covariances, projected, projector
-from ._smalto import MAX_SH_DEGREE, Camera, Error, Renderer, Scene
+from ._smalto import MAX_SH_DEGREE, Camera, Error, Renderer, Scene, device_for_cuda
 
 # An array of NumPy or a tensor of PyTorch.
 _Array = TypeVar("_Array")
@@ -40,13 +41,21 @@ class _Kept:
         return self.options == options and all(_equal(*pair) for pair in zip(self.arrays, arrays))
 
     def update(self, geometry, sh):
-        self.renderer.update(_scene(geometry, sh))
-        self._keep(geometry, sh)
+        # The memory of the old ones is free before the new ones take theirs.
+        self.features, self.brought = None, []
+        arrays = [*geometry, _vectors(geometry[1]) if sh is None and is_tensor(geometry[1]) else sh]
+        copies = update_on_device(self.renderer, arrays, self.options[2], has_features=sh is None)
+        if copies is None:
+            self.renderer.update(_scene(geometry, sh))
+        self._keep(geometry, sh, copies)
 
-    def _keep(self, geometry, sh):
-        self.arrays, self.extent = [_copy(values) for values in geometry], _extent(geometry[0])
-        if sh is not None:
-            self.arrays.append(_copy(sh))
+    def _keep(self, geometry, sh, copies=None):
+        arrays = geometry if sh is None else [*geometry, sh]
+        copies = copies or [None] * len(arrays)
+        self.arrays = [
+            _copy(values) if copy is None or copy.dtype != values.dtype else copy for values, copy in zip(arrays, copies)
+        ]
+        self.extent = _extent(geometry[0])
         self.features, self.brought = None, []
 
     def channels(self, features, is_kept):
@@ -71,6 +80,13 @@ def _scene(geometry, sh):
         if not str(error).startswith("sh:"):
             raise
         raise type(error)(f"colors{str(error)[2:]}") from None
+
+
+def _vectors(quats):
+    """The vectors of rotations, (N, 1, 3): the colours of a scene until it gets features."""
+    quats = quats.float()
+    vectors = quats[:, None, 1:] / quats.norm(dim=-1)[:, None, None].clamp_min(float(np.finfo(np.float32).tiny))
+    return vectors.clamp(-1.0, 1.0)
 
 
 class _Host:
@@ -329,7 +345,7 @@ def _canvas(options, means, shapes):
     """Where pictures go: the device of the tensors if it draws, else the host."""
     if is_tensor(means) and means.device.type == "cuda":
         torch = sys.modules["torch"]
-        if is_same_device(torch, means.device, options[0]):
+        if is_same_device(torch, means.device, device_for_cuda(options[0])):
             return _Device(torch, means.device, *shapes)
     return _Host(*shapes)
 

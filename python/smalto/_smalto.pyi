@@ -205,12 +205,31 @@ class Renderer:
     def update(self, scene: Scene) -> None:
         """Draws another scene from now on, with the same preset and knobs: the next step of a training, say. The memory of
         the old one is free before the new one is brought to the device."""
+    def update_arrays(
+        self,
+        means: ArrayLike,
+        quats: ArrayLike,
+        scales: ArrayLike,
+        opacities: ArrayLike,
+        sh: ArrayLike,
+        *,
+        antialiased: bool = False,
+    ) -> None:
+        """Draws the Gaussians of these arrays from now on, as `update(Scene.from_arrays(...))` does. Tensors on the CUDA
+        device that draws do not leave it: that takes milliseconds for a million Gaussians. Memory of the device for a
+        copy of the arrays is kept for the next update. Errors: those of `Scene.from_arrays`."""
     @property
     def device(self) -> str:
         """The name of the Vulkan device."""
     @property
     def validation_messages(self) -> list[str]:
         """What the validation layer said, if SMALTO_VALIDATION=1 turned it on."""
+    @property
+    def _arrays(self) -> Any: ...
+    def _keep_arrays(self, arrays: Any) -> None: ...
+    def _device_arrays(self, count: int, coefficients: int) -> DeviceArrays: ...
+    def _take(self, arrays: DeviceArrays, features: bool, antialiased: bool) -> str | None: ...
+    def _for_cuda(self) -> tuple[str, bool]: ...
     def _bring(self, features: Any) -> Channels: ...
     def _show(self, channels: Channels) -> None: ...
     def _draw_exported(self, views: list[tuple[Camera, Exported]], has_depth: bool) -> list[dict[str, float]]: ...
@@ -234,6 +253,13 @@ def reference(
 # Private.
 class Channels:
     """Up to three channels of features of a scene, on the device of its renderer."""
+
+class DeviceArrays:
+    """Memory of the device for arrays of Gaussians, which CUDA opens."""
+    def handle(self) -> tuple[int, int]:
+        """A file descriptor, which the caller owns, and the size in bytes."""
+    def parts(self) -> list[tuple[int, int]]:
+        """Where the means, quats, scales, opacities and spherical harmonics begin and end, in numbers of 4 bytes."""
 
 class Exported:
     """Memory of the device that holds the pixels of one picture, and opens in CUDA."""

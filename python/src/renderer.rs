@@ -288,8 +288,8 @@ impl Renderer {
         lock(&self.arrays).as_ref().map(|arrays| arrays.clone_ref(py))
     }
 
-    #[setter]
-    fn set__arrays(&self, arrays: Option<Py<PyAny>>) {
+    fn _keep_arrays(&self, arrays: Option<Py<PyAny>>) {
+        // The destructor of what was kept before must not find the lock taken.
         let before = std::mem::replace(&mut *lock(&self.arrays), arrays);
         drop(before);
     }

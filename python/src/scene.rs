@@ -71,7 +71,7 @@ impl Scene {
     /// left out. Errors: ValueError for another shape or a value that cannot be drawn, TypeError for what is not numbers.
     #[staticmethod]
     #[pyo3(signature = (means, quats, scales, opacities, sh, *, antialiased = false))]
-    fn from_arrays(
+    pub fn from_arrays(
         py: Python,
         means: &Bound<PyAny>,
         quats: &Bound<PyAny>,

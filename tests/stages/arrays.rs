@@ -168,14 +168,11 @@ fn arrays_of_wide_scales_and_bright_colours_have_the_layout_of_the_host() {
 
 /// Random opacities and quaternions, of which a different rounding would show in a few of a million.
 #[test]
-#[ignore = "long: packs two million Gaussians"]
-fn long_many_arrays_are_packed_to_the_bytes_of_the_host() {
+fn a_million_rows_are_packed_to_the_bytes_of_the_host() {
     let gpu = Gpu::new();
-    for seed in 0..2 {
-        let rows = Rows::random(1_000_000, 0, 100 + seed);
-        assert_packed(&gpu, &rows, &Options::EXACT, Upload::default());
-        assert_packed(&gpu, &rows, &Options::BALANCED, Upload { is_certifiable: true, ..Upload::default() });
-    }
+    let rows = Rows::random(1_000_000, 0, 100);
+    assert_packed(&gpu, &rows, &Options::EXACT, Upload::default());
+    assert_packed(&gpu, &rows, &Options::BALANCED, Upload { is_certifiable: true, ..Upload::default() });
 }
 
 fn camera() -> Camera {
