@@ -12,6 +12,8 @@ _OPAQUE_FD = 1
 _DEDICATED = 1
 
 _lock = threading.Lock()
+# The constant basis function of spherical harmonics.
+_BASIS_0 = 0.28209479177387814
 _COEFFICIENTS = [(degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1)]
 
 
@@ -91,7 +93,7 @@ def update(renderer, arrays, antialiased, has_features=False):
         not count
         or shapes != wanted
         or coefficients not in _COEFFICIENTS
-        or any(values.device != device or values.dtype == torch.bool or values.is_complex() for values in arrays)
+        or any(values.device != device or not _is_number(values) for values in arrays)
         or not is_same_device(torch, device, renderer._for_cuda())
     ):
         return None
@@ -111,6 +113,37 @@ def update(renderer, arrays, antialiased, has_features=False):
         is_drawn = renderer._take(kept.memory, has_features, antialiased) is None
         renderer._keep_arrays(kept if is_drawn else None)
         return kept.parts if is_drawn else None
+
+
+class Plane:
+    """Memory for up to three features of each Gaussian of a scene."""
+
+    def __init__(self, torch, device, channels, count):
+        self.channels, self.key = channels, (device, count)
+        with torch.cuda.device(device), torch.inference_mode(False):
+            mapped = _Mapped(ctypes.CDLL("libcuda.so.1"), *channels.handle(), (count, 4))
+            self.values = torch.as_tensor(mapped, device=device)
+
+
+def bring(renderer, features, plane):
+    """The plane with these features, (N, D) with D up to 3, if they are a tensor on the device that draws, else None.
+    `plane` is used again if it has the size."""
+    torch = sys.modules.get("torch")
+    if torch is None or not isinstance(features, torch.Tensor) or not features.is_cuda or not _is_number(features):
+        return None
+    device, (count, channels), features = features.device, features.shape, features.float()
+    if not is_same_device(torch, device, renderer._for_cuda()) or not bool(features.isfinite().all()):
+        return None
+    if plane is None or plane.key != (device, count):
+        memory = renderer._channels(count)
+        if memory is None:
+            return None
+        plane = Plane(torch, device, memory, count)
+    with torch.no_grad():
+        plane.values.zero_()
+        plane.values[:, :channels] = features.double() / _BASIS_0
+    torch.cuda.current_stream(device).synchronize()
+    return plane
 
 
 class Frame:
@@ -173,6 +206,10 @@ def is_same_device(torch, device, vulkan):
     uuid, exports = vulkan
     # Earlier versions of PyTorch do not tell the UUID.
     return exports and str(getattr(torch.cuda.get_device_properties(device), "uuid", "")) == uuid
+
+
+def _is_number(values):
+    return not values.is_complex() and values.dtype != sys.modules["torch"].bool
 
 
 def _check(cuda, code):

@@ -8,8 +8,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from ._cuda import Frames, is_same_device
-from ._cuda import update as update_on_device
+from ._cuda import Frames, bring, is_same_device, update
 from ._meta import Meta, is_tensor, of_covariances, projected, projector
 from ._smalto import MAX_SH_DEGREE, Camera, Error, Renderer, Scene, device_for_cuda
 
@@ -29,7 +28,7 @@ class _Kept:
     """A renderer, with copies of the arrays of its scene: they tell whether the next call draws the same scene."""
 
     def __init__(self, options, geometry, sh):
-        self.options, self.frames = options, {}
+        self.options, self.frames, self.planes = options, {}, []
         device, near, antialiased, _ = options
         scene = _scene(geometry, sh)
         self.renderer = Renderer(scene, device=device, preset="gsplat", near=near, antialiased=antialiased)
@@ -44,7 +43,7 @@ class _Kept:
         # The memory of the old ones is free before the new ones take theirs.
         self.features, self.brought = None, []
         arrays = [*geometry, _vectors(geometry[1]) if sh is None and is_tensor(geometry[1]) else sh]
-        copies = update_on_device(self.renderer, arrays, self.options[2], has_features=sh is None)
+        copies = update(self.renderer, arrays, self.options[2], has_features=sh is None)
         if copies is None:
             self.renderer.update(_scene(geometry, sh))
         self._keep(geometry, sh, copies)
@@ -65,7 +64,13 @@ class _Kept:
         # The memory of the old ones is free before the new ones take theirs.
         self.features, self.brought = None, []
         starts = range(0, features.shape[-1], _CHANNELS)
-        brought = [self.renderer._bring(features[:, start : start + _CHANNELS]) for start in starts]
+        planes = [*self.planes, *[None] * len(starts)][: len(starts)]
+        some = [features[:, start : start + _CHANNELS] for start in starts]
+        self.planes = [bring(self.renderer, *pair) for pair in zip(some, planes)]
+        brought = [
+            self.renderer._bring(features) if plane is None else plane.channels
+            for features, plane in zip(some, self.planes)
+        ]
         if is_kept:
             self.features, self.brought = _copy(features), brought
         return brought

@@ -3,11 +3,12 @@
 mod arrays;
 mod asked;
 mod camera;
-mod device_arrays;
+mod device_memory;
 mod errors;
 mod given;
 mod picture;
 mod process;
+mod reference;
 mod renderer;
 mod scene;
 
@@ -31,11 +32,11 @@ fn _smalto(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_class::<camera::Camera>()?;
     module.add_class::<picture::Picture>()?;
     module.add_class::<renderer::Renderer>()?;
-    module.add_class::<renderer::Exported>()?;
-    module.add_class::<renderer::Channels>()?;
-    module.add_class::<device_arrays::DeviceArrays>()?;
+    module.add_class::<device_memory::Exported>()?;
+    module.add_class::<device_memory::Channels>()?;
+    module.add_class::<device_memory::DeviceArrays>()?;
     module.add_function(wrap_pyfunction!(picture::compare, module)?)?;
-    module.add_function(wrap_pyfunction!(renderer::reference, module)?)?;
+    module.add_function(wrap_pyfunction!(reference::reference, module)?)?;
     module.add_function(wrap_pyfunction!(renderer::device_for_cuda, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     errors::add_to(module)

@@ -10,18 +10,18 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 use smalto::cli::open_device;
-use smalto::gpu::{Device, Feature, Handle};
+use smalto::gpu::{Device, Feature};
 use smalto::options::{Options, Storage};
 use smalto::render;
 use smalto::render::{
     Features, Finished, Frame, FrameOutputs, FrameQueue, GpuScene, HostFrame, QueuedFrame, SceneSource, Upload,
 };
-use smalto::rules::{Background, Order, Rules};
+use smalto::rules::Background;
 
 use crate::arrays::numbers;
 use crate::asked::{Asked, exported, wanted};
 use crate::camera::Camera;
-use crate::device_arrays::DeviceArrays;
+use crate::device_memory::{Channels, DeviceArrays, Exported};
 use crate::errors::{Error, exception};
 use crate::given::{Ground, given, optional};
 use crate::picture::{Content, Drawn, Picture, Spare, stage_times};
@@ -322,6 +322,21 @@ impl Renderer {
         Ok(Channels(brought.map_err(exception)?))
     }
 
+    /// Memory for up to three channels of features of `count` rows, which CUDA writes; None if the host has to bring
+    /// them.
+    fn _channels(&self, py: Python, count: usize) -> Option<Channels> {
+        py.detach(|| {
+            let inner = lock(&self.inner);
+            let rows = match inner.rows.as_ref()? {
+                Rows::All => inner.scene.as_ref()?.len(),
+                Rows::Some(rows) => rows.len(),
+            };
+            // Rows that are no Gaussians have no place in the memory.
+            let is_whole = rows == count && inner.scene.as_ref().is_some_and(|scene| !scene.is_paged());
+            Features::exportable(&self.device, count).ok().filter(|_| is_whole).map(Channels)
+        })
+    }
+
     /// Draws these features from now on.
     fn _show(&self, py: Python, channels: &Channels) {
         py.detach(|| {
@@ -489,29 +504,6 @@ fn timings(frame: &Frame) -> Vec<(&'static str, f64)> {
     frame.timings.iter().map(|stage| (stage.name, stage.duration_ms)).collect()
 }
 
-/// Memory of the device that holds the pixels of one picture, and opens in CUDA.
-#[pyclass(module = "smalto", frozen)]
-pub struct Exported(Arc<Mutex<HostFrame>>);
-
-#[pymethods]
-impl Exported {
-    #[new]
-    fn new() -> Self {
-        Self(Arc::default())
-    }
-
-    /// File descriptors and sizes in bytes: of color and alpha, then of the depths. They are there after the first
-    /// picture, and hold until one of another size or with other depths. The caller owns the files.
-    fn handles(&self) -> PyResult<Vec<(i32, u64)>> {
-        let handles = lock(&self.0).handles().map_err(exception)?;
-        Ok(handles.into_iter().map(|Handle { file, bytes }| (file, bytes)).collect())
-    }
-}
-
-/// Up to three channels of features of a scene, on the device of its renderer.
-#[pyclass(module = "smalto", frozen)]
-pub struct Channels(Features);
-
 /// The pictures of many cameras.
 #[pyclass(module = "smalto", frozen)]
 pub struct Pictures {
@@ -572,46 +564,4 @@ impl Pictures {
         let next = self.cameras.bind(py).clone().try_iter()?.next().transpose()?;
         next.map(|camera| given(&camera, "cameras", "cameras")).transpose()
     }
-}
-
-/// The picture of the f64 reference on the CPU, by the rules of the preset and the knobs, exact; of the knobs that
-/// trade accuracy, `sh_degree` alone counts. Takes seconds to minutes. Arguments are those of `Renderer` and `render`.
-/// Errors: ValueError, also for scenes in page files.
-#[pyfunction]
-#[pyo3(
-    signature = (scene, camera, *, preset = None, background = Ground::BLACK, **knobs),
-    text_signature = "(scene, camera, *, preset='balanced', background=(0.0, 0.0, 0.0), **knobs)"
-)]
-pub fn reference(
-    py: Python,
-    scene: &Bound<PyAny>,
-    camera: &Bound<PyAny>,
-    preset: Option<&Bound<PyAny>>,
-    background: Ground,
-    knobs: Option<&Bound<PyDict>>,
-) -> PyResult<Picture> {
-    check_process()?;
-    let scene: PyRef<Scene> = given(scene, "scene", "a Scene")?;
-    let camera: Camera = given(camera, "camera", "a Camera")?;
-    let asked = Asked::exact(preset, knobs)?;
-    let background = background.background()?;
-    scene.gaussians("reference")?;
-    let options = asked.options(scene.source.is_antialiased);
-    let rules = Rules { near: asked.near(&camera), ..options.rules };
-    let source = scene.source.clone();
-    interruptible(py, move |_| {
-        let gaussians = source.gaussians().expect("the scene is in memory");
-        let shortened = options.sh_degree < gaussians.sh_degree();
-        let shortened = shortened.then(|| gaussians.clone().of_degree(options.sh_degree));
-        let gaussians = shortened.as_ref().unwrap_or(gaussians);
-        let rendering = smalto::reference::render(gaussians, &camera.camera, &rules, background);
-        let depths = (rules.order != Order::PerPixel).then(|| rendering.depths());
-        Picture {
-            content: Content::Computed(rendering.to_pixels(), depths),
-            is_transparent: background == Background::Transparent,
-            certificate: None,
-            timings: Vec::new(),
-            visible: None,
-        }
-    })
 }

@@ -25,7 +25,12 @@ impl Storage {
     /// # Errors
     /// If the device exports no memory, a limit of memory is set, which such memory would not count towards, or memory
     /// runs out.
-    pub(super) fn exportable(device: &Arc<Shared>, name: &str, bytes: u64, usage: vk::BufferUsageFlags) -> Result<Self> {
+    pub(super) fn exportable(
+        device: &Arc<Shared>,
+        name: &str,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+    ) -> Result<Self> {
         let device_name = &device.capabilities.name;
         ensure!(device.capabilities.has(Feature::ExportedMemory), "{device_name} exports no memory");
         ensure!(device.budget.user_limit.is_none(), "no memory is exported under a limit of memory");
@@ -90,17 +95,21 @@ mod tests {
         cmd.barrier(Access::COPY_WRITE, Access::COPY_READ);
         cmd.download(&from, &to, values.len());
         cmd.submit().unwrap().wait().unwrap();
-        let handle = to.export().unwrap();
-        assert!(handle.bytes >= 4 * values.len() as u64);
-        // SAFETY: the file is the test's alone.
-        let file = unsafe { File::from_raw_fd(handle.file) };
-        // The software driver's memory is a file that can be read.
-        if device.capabilities().name.contains("llvmpipe") {
-            let mut found = Vec::new();
-            let mut file = file;
-            std::io::Read::read_to_end(&mut file, &mut found).unwrap();
-            let expected: &[u8] = bytemuck::cast_slice(&values);
-            assert!(found.windows(expected.len()).any(|window| window == expected), "{} bytes", found.len());
+        let bound = Buffer::exportable(&device, "bound", values.len()).unwrap();
+        let mut cmd = Commands::new(&device).unwrap();
+        cmd.upload(&bound, 0, values.len(), |words| words.copy_from_slice(&values)).unwrap();
+        cmd.submit().unwrap().wait().unwrap();
+        for handle in [to.export().unwrap(), bound.export().unwrap()] {
+            assert!(handle.bytes >= 4 * values.len() as u64);
+            // SAFETY: the file is the test's alone.
+            let mut file = unsafe { File::from_raw_fd(handle.file) };
+            // The software driver's memory is a file that can be read.
+            if device.capabilities().name.contains("llvmpipe") {
+                let mut found = Vec::new();
+                std::io::Read::read_to_end(&mut file, &mut found).unwrap();
+                let expected: &[u8] = bytemuck::cast_slice(&values);
+                assert!(found.windows(expected.len()).any(|window| window == expected), "{} bytes", found.len());
+            }
         }
         assert!(device.validation_messages().is_empty(), "{:?}", device.validation_messages());
     }

@@ -272,6 +272,10 @@ fn a_replaced_scene_is_drawn_like_a_new_one() {
             renderer.render(&camera(), Background::BLACK).unwrap();
             assert!(renderer.pixels().unwrap() == gpu.render(&next.gaussians(), &camera(), &options));
         }
+        let more = Rows::random(70_000, 3, 11);
+        assert!(renderer.replace_scene(&packed(&gpu, &more, &options, Upload::default())));
+        renderer.render(&camera(), Background::BLACK).unwrap();
+        assert!(renderer.pixels().unwrap() == gpu.render(&more.gaussians(), &camera(), &options));
         let other = packed(&gpu, &Rows::random(3000, 1, 8), &options, Upload::default());
         assert!(!renderer.replace_scene(&other), "the pipelines are those of degree 3");
         renderer.render(&camera(), Background::BLACK).unwrap();

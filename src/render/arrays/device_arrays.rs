@@ -112,7 +112,8 @@ impl DeviceArrays {
         commands.download_parts(&self.words, &self.head, &parts);
         let results = commands.submit()?.wait()?;
         let mut rest: &[u32] = self.head.map();
-        let head = parts.map(|(_, _, len)| bytemuck::cast_slice(rest.split_off(..len).expect("the head has all parts")));
+        let head =
+            parts.map(|(_, _, len)| bytemuck::cast_slice(rest.split_off(..len).expect("the head has all parts")));
         Ok(Examination::of(results.view(&findings), (self.count, self.sh_degree), head, options))
     }
 

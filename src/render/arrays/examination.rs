@@ -67,6 +67,7 @@ impl Examination {
             return Err(HostNeeded::Grids);
         }
         let near = options.rules.near;
+        // Scenes with equal first rows share a self-test.
         let mut hash = blake3::Hasher::new();
         hash.update(&near.to_le_bytes());
         head.iter().for_each(|part| _ = hash.update(bytemuck::cast_slice(part)));

@@ -4,7 +4,7 @@ use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
 use super::gpu_scene::{GpuScene, UPLOAD_CHUNK};
-use crate::gpu::{Buffer, Commands, Device};
+use crate::gpu::{Buffer, Commands, Device, Handle};
 use crate::host_memory::OutOfMemory;
 use crate::options::Storage;
 use crate::packing::Layout;
@@ -13,6 +13,25 @@ use crate::scene::harmonics;
 /// Three features of each Gaussian of a scene. A clone shares them.
 #[derive(Clone)]
 pub struct Features(Buffer<[u32; 4]>);
+
+impl Features {
+    /// Memory for the features of `count` Gaussians, which another API writes: four floats each, of which the first
+    /// three are the features divided by the constant basis function of spherical harmonics, rounded once.
+    ///
+    /// # Errors
+    /// If the device exports no memory, a limit of memory is set, or memory runs out.
+    pub fn exportable(device: &Device, count: usize) -> Result<Self> {
+        Ok(Self(Buffer::exportable(device, "features", count)?))
+    }
+
+    /// A handle with which another API opens the memory.
+    ///
+    /// # Errors
+    /// If it is not exportable, or the driver makes no handle.
+    pub fn export(&self) -> Result<Handle> {
+        self.0.export()
+    }
+}
 
 impl GpuScene {
     /// Uploads three features for each Gaussian of this scene. [`Rules::features`](crate::rules::Rules) draws them.
@@ -41,8 +60,12 @@ impl GpuScene {
         Ok(Features(plane))
     }
 
-    /// This scene with these features, of the same number of Gaussians, in the place of its colours.
+    /// This scene with these features in the place of its colours.
+    ///
+    /// # Panics
+    /// If the features are of another number of Gaussians.
     pub fn with_features(&self, features: &Features) -> Self {
+        assert_eq!(features.0.len(), self.len(), "every Gaussian has features");
         let mut scene = self.clone();
         scene.sh = vec![features.0.clone()];
         scene

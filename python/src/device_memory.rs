@@ -1,16 +1,48 @@
-//! Arrays of Gaussians in memory of the device that CUDA writes, and renderers that draw them from there.
+//! Memory of the device that CUDA opens: pixels of pictures, features, and arrays of Gaussians, from which renderers draw.
 
 use std::sync::{Arc, Mutex};
 
 use anyhow::Result;
 use pyo3::prelude::*;
 use smalto::gpu::{Device, Handle};
-use smalto::render::{self, HostNeeded, Upload};
+use smalto::render::{self, Features, HostFrame, HostNeeded, Upload};
 use smalto::scene::{MAX_SH_DEGREE, sh_coefficients};
 
 use crate::errors::exception;
 use crate::process::lock;
 use crate::renderer::{Inner, Rows};
+
+/// Memory of the device that holds the pixels of one picture, and opens in CUDA.
+#[pyclass(module = "smalto", frozen)]
+pub struct Exported(pub Arc<Mutex<HostFrame>>);
+
+#[pymethods]
+impl Exported {
+    #[new]
+    fn new() -> Self {
+        Self(Arc::default())
+    }
+
+    /// File descriptors and sizes in bytes: of color and alpha, then of the depths. They are there after the first
+    /// picture, and hold until one of another size or with other depths. The caller owns the files.
+    fn handles(&self) -> PyResult<Vec<(i32, u64)>> {
+        let handles = lock(&self.0).handles().map_err(exception)?;
+        Ok(handles.into_iter().map(|Handle { file, bytes }| (file, bytes)).collect())
+    }
+}
+
+/// Up to three channels of features of a scene, on the device of its renderer.
+#[pyclass(module = "smalto", frozen)]
+pub struct Channels(pub Features);
+
+#[pymethods]
+impl Channels {
+    /// A file descriptor, which the caller owns, and the size in bytes.
+    fn handle(&self) -> PyResult<(i32, u64)> {
+        let Handle { file, bytes } = self.0.export().map_err(exception)?;
+        Ok((file, bytes))
+    }
+}
 
 /// Memory of the device for arrays of Gaussians, which CUDA opens.
 #[pyclass(module = "smalto", frozen)]
