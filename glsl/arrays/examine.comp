@@ -1,9 +1,9 @@
 #version 460
 #include "shared/workgroup.glsl"
-// One workgroup per EXAMINED_GAUSSIANS Gaussians: counts those with values that need the host, and finds what the layout
-// of the scene follows from.
-// Before: `words` holds the arrays. After: `examined` has an element per workgroup, about Gaussians with an opacity over
-// 0; doubles are in two words.
+// One workgroup per EXAMINED_GAUSSIANS Gaussians: counts those with values that need the host, and finds what the
+// layout of the scene follows from.
+// Before: `words` holds the arrays. After: `findings` has an element per workgroup, about Gaussians with an opacity
+// over 0; doubles are in two words.
 
 layout(constant_id = 3) const uint COEFFICIENTS = 16;
 layout(binding = 0, scalar) readonly buffer Words { uint words[]; };  // [(11 + 3 COEFFICIENTS) gaussians]
@@ -21,7 +21,7 @@ struct Examined {
     uvec2 bounds[5];       // for each SH degree, the largest bound on its part of a channel
     uvec2 squares[5];      // for each SH degree, the sum of the mean squares of its parts
 };
-layout(binding = 1, scalar) writeonly buffer Findings { Examined examined[]; };  // [ceil(gaussians / EXAMINED_GAUSSIANS)]
+layout(binding = 1, scalar) writeonly buffer Findings { Examined findings[]; };  // [workgroups]
 layout(push_constant, scalar) uniform Push {
     uint gaussians;
 } push;
@@ -159,5 +159,5 @@ void main() {
     all.smallest_scale = largest[SMALLEST_SCALE];
     all.flat_shapes = largest[FLAT_SHAPES];
     all.opacity = largest[OPACITY];
-    examined[workgroup()] = all;
+    findings[workgroup()] = all;
 }

@@ -1,9 +1,9 @@
 #version 460
 #include "shared/workgroup.glsl"
 // One invocation per Gaussian: packs its canonical values, in 32-bit or 16-bit floats.
-// Before: `words` holds the arrays, in which `examine` found no flaw; planes of spherical harmonics that the layout does
-// not have repeat the last one. After: the planes hold the words of src/packing/planes.rs. A Gaussian with the opacity 0
-// has a reach below 0, with which it is never drawn.
+// Before: `words` holds the arrays, in which `examine` found no flaw; planes of spherical harmonics that the layout
+// does not have repeat the last one. After: the planes hold the words of src/packing/planes.rs. A Gaussian with the
+// opacity 0 has a reach below 0, with which it is never drawn.
 
 layout(constant_id = 3) const uint COEFFICIENTS = 16;
 #include "shared/harmonics.glsl"
@@ -104,7 +104,8 @@ void pack_shape(uint gaussian) {
         uvec3 code = uvec3(scale_code(scale.x), scale_code(scale.y), scale_code(scale.z));
         uint stored = half_bits(opacity);
         shapes[0].plane[gaussian] = uvec4(
-            halves(rotation.x, rotation.y), halves(rotation.z, rotation.w), code.x | code.y << 16, code.z | stored << 16);
+            halves(rotation.x, rotation.y), halves(rotation.z, rotation.w),
+            code.x | code.y << 16, code.z | stored << 16);
         scale = mix((code + push.scale_base) << 13, uvec3(0), equal(code, uvec3(0)));
         // A Gaussian that is too faint to be drawn stays so.
         if (drawn >= wide(floatBitsToUint(push.alpha_min))) drawn = half_value(stored);

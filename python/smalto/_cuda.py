@@ -86,7 +86,7 @@ def update(renderer, arrays, antialiased, has_features=False):
     torch, shapes = sys.modules.get("torch"), tuple(tuple(getattr(values, "shape", ())) for values in arrays)
     if torch is None or not all(isinstance(values, torch.Tensor) and values.is_cuda for values in arrays):
         return None
-    count, coefficients = shapes[0][:1] + shapes[4][1:2] if len(shapes[0]) and len(shapes[4]) == 3 else (0, 0)
+    count, coefficients = shapes[3][0] if shapes[3] else 0, shapes[4][1] if len(shapes[4]) == 3 else 0
     wanted = ((count, 3), (count, 4), (count, 3), (count,), (count, coefficients, 3))
     device = arrays[0].device
     if (
@@ -110,9 +110,12 @@ def update(renderer, arrays, antialiased, has_features=False):
         for part, values in zip(kept.parts, arrays):
             part.copy_(values.detach())
         torch.cuda.current_stream(device).synchronize()
-        is_drawn = renderer._take(kept.memory, has_features, antialiased) is None
-        renderer._keep_arrays(kept if is_drawn else None)
-        return kept.parts if is_drawn else None
+        # An interrupted call still reads the memory in the background: then it is not used again.
+        renderer._keep_arrays(None)
+        if renderer._take(kept.memory, has_features, antialiased) is not None:
+            return None
+        renderer._keep_arrays(kept)
+        return kept.parts
 
 
 class Plane:
@@ -126,8 +129,8 @@ class Plane:
 
 
 def bring(renderer, features, plane):
-    """The plane with these features, (N, D) with D up to 3, if they are a tensor on the device that draws, else None.
-    `plane` is used again if it has the size."""
+    """The plane with these features, (N, D) with D up to 3, if they are a tensor on the device that draws and each row is
+    a Gaussian, else None. A `plane` of this scene is used again."""
     torch = sys.modules.get("torch")
     if torch is None or not isinstance(features, torch.Tensor) or not features.is_cuda or not _is_number(features):
         return None

@@ -45,6 +45,8 @@ class _Kept:
         arrays = [*geometry, _vectors(geometry[1]) if sh is None and is_tensor(geometry[1]) else sh]
         copies = update(self.renderer, arrays, self.options[2], has_features=sh is None)
         if copies is None:
+            # The host leaves out rows, so that planes of features may not fit.
+            self.planes = []
             self.renderer.update(_scene(geometry, sh))
         self._keep(geometry, sh, copies)
 

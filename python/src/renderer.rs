@@ -240,7 +240,6 @@ impl Renderer {
     /// device that draws do not leave it: that takes milliseconds for a million Gaussians. Memory of the device for a
     /// copy of the arrays is kept for the next update. Errors: those of `Scene.from_arrays`.
     #[pyo3(signature = (means, quats, scales, opacities, sh, *, antialiased = false))]
-    #[expect(clippy::too_many_arguments, reason = "those of Scene.from_arrays")]
     fn update_arrays<'py>(
         this: &Bound<'py, Self>,
         means: &Bound<'py, PyAny>,

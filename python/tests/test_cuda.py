@@ -178,6 +178,30 @@ def test_rasterization_of_changed_tensors(torch, sh_degree):
     smalto.release()
 
 
+def test_features_of_scenes_from_the_device_and_the_host(torch):
+    def values(on_grid, seed):
+        values = arrays(torch, seed=seed)
+        values[3][::9] = 0
+        values[4] = values[4][:, 0]
+        if on_grid:
+            # Values that 8 bits hold: the host stores them.
+            values[1][:] = torch.tensor([1.0, 0, 0, 0])
+            values[2][:], values[3] = 0.01, (values[3] * 255).round() / 255
+        return values
+
+    # The host leaves out the rows with the opacity 0, and the device does not.
+    scenes = [values(on_grid, seed) for seed, on_grid in enumerate([False, False, True, True, False])]
+    found, are_packed = [], []
+    for scene in scenes:
+        found.append(rasterized(on_device(scene))[0])
+        are_packed.append(smalto._gsplat._kept.renderer._arrays is not None)
+    assert are_packed == [False, True, False, False, True]
+    for scene, picture in zip(scenes, found):
+        smalto.release()
+        assert np.array_equal(picture, rasterized(scene)[0])
+    smalto.release()
+
+
 def test_features_that_are_not_finite_have_the_error_of_the_host(torch):
     values = arrays(torch)
     values[4] = values[4][:, 0]

@@ -11,7 +11,6 @@ use gpu_allocator::MemoryLocation;
 use super::device::{Device, Held, Shared};
 use super::element::{Element, Scalar};
 use super::error::describe;
-use super::exported::Handle;
 use super::id::next_id;
 use crate::host_memory::OutOfMemory;
 
@@ -48,27 +47,10 @@ impl<T: Element> Buffer<T> {
         Ok(Self::of(Storage::new(&device.0, name, bytes, BUFFER_USAGE, MemoryLocation::GpuOnly)?, len))
     }
 
-    /// Allocates a buffer like [`new`](Self::new), whose memory other APIs open.
-    ///
-    /// # Errors
-    /// As for [`new`](Self::new); if the device exports no memory, or a limit of memory is set.
-    pub fn exportable(device: &Device, name: &str, len: usize) -> Result<Self> {
-        Self::check_len(device, name, len)?;
-        let bytes = (len.max(1) * size_of::<T>()) as u64;
-        Ok(Self::of(Storage::exportable(&device.0, name, bytes, BUFFER_USAGE)?, len))
-    }
-
-    fn of(mut storage: Storage, len: usize) -> Self {
+    /// The buffer in this memory.
+    pub(super) fn of(mut storage: Storage, len: usize) -> Self {
         (storage.scalar, storage.columns) = (T::SCALAR, size_of::<T>() / T::SCALAR.bytes());
         Self { storage: Arc::new(storage), len, _element: PhantomData }
-    }
-
-    /// A handle with which another API opens the memory.
-    ///
-    /// # Errors
-    /// If the buffer is not exportable, or the driver makes no handle.
-    pub fn export(&self) -> Result<Handle> {
-        self.storage.export()
     }
 
     /// Fails if a buffer of `len` elements exceeds the device's largest storage range.

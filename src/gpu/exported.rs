@@ -6,9 +6,10 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use ash::{khr, vk};
 
-use super::buffer::{Exported, Storage};
+use super::buffer::{BUFFER_USAGE, Buffer, Exported, Storage};
 use super::capabilities::{EXPORT_HANDLE, Feature};
-use super::device::Shared;
+use super::device::{Device, Shared};
+use super::element::Element;
 use super::error::describe;
 
 /// A handle of device memory.
@@ -17,6 +18,26 @@ pub struct Handle {
     pub file: c_int,
     /// The size of the memory, in bytes.
     pub bytes: u64,
+}
+
+impl<T: Element> Buffer<T> {
+    /// Allocates a buffer like [`new`](Self::new), whose memory other APIs open.
+    ///
+    /// # Errors
+    /// As for [`new`](Self::new); if the device exports no memory, or a limit of memory is set.
+    pub fn exportable(device: &Device, name: &str, len: usize) -> Result<Self> {
+        Self::check_len(device, name, len)?;
+        let bytes = (len.max(1) * size_of::<T>()) as u64;
+        Ok(Self::of(Storage::exportable(&device.0, name, bytes, BUFFER_USAGE)?, len))
+    }
+
+    /// A handle with which another API opens the memory.
+    ///
+    /// # Errors
+    /// If the buffer is not exportable, or the driver makes no handle.
+    pub fn export(&self) -> Result<Handle> {
+        self.storage.export()
+    }
 }
 
 impl Storage {

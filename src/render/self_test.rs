@@ -42,7 +42,7 @@ pub(crate) fn choose(device: &Device, options: &Options, scene: &GpuScene, varia
 fn test_fast(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Result<()> {
     let Some(fast) = paths.fast() else { return Ok(()) };
     // A scene may need stages that the self-test of another did not reach.
-    let [pipelines, drawn] = [fast.fingerprint(device)?, scene.self_test_hash];
+    let [pipelines, drawn] = [fast.fingerprint(device)?, scene.self_test.hash];
     let test = blake3::Hasher::new().update(pipelines.as_bytes()).update(drawn.as_bytes()).finalize();
     if device.has_passed(test.as_bytes()) {
         return Ok(());
@@ -90,7 +90,7 @@ fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Re
 /// The picture of the self-test on a path.
 fn draw(paths: &mut PathChoice, device: &Device, scene: &GpuScene, path: Path) -> Result<Pixels> {
     let image = Image::new(device, "self-test", SELF_TEST_SIZE[0], SELF_TEST_SIZE[1])?;
-    let shot = Shot { scene, camera: &scene.self_test_camera };
+    let shot = Shot { scene, camera: &scene.self_test.camera };
     for _ in 0..MAX_ATTEMPTS {
         let limits = paths.prepare(device, shot, path == Path::Portable, None)?;
         if limits.in_slabs {

@@ -120,7 +120,7 @@ impl DeviceArrays {
     /// Records the examination.
     #[doc(hidden)]
     pub fn record_examine(&self, cmd: &mut Commands) {
-        let bindings = ExamineBindings { words: &self.words, examined: &self.findings };
+        let bindings = ExamineBindings { words: &self.words, findings: &self.findings };
         let groups = DispatchSize::Groups(self.findings.len() as u64);
         cmd.dispatch(&self.examine, bindings, ExaminePush { gaussians: self.count as u32 }, groups);
     }

@@ -2,7 +2,9 @@
 
 use crate::options::{Options, Storage};
 use crate::packing::{EXAMINED, Layout, NOTHING, Statistics};
-use crate::render::scene::{GpuScene, SELF_TEST_GAUSSIANS, SceneInput, self_test_camera};
+use crate::render::scene::{
+    GpuScene, SELF_TEST_GAUSSIANS, SceneInput, SelfTest, SelfTestInput, self_test, self_test_camera,
+};
 use crate::render::shaders::Examined;
 use crate::scene::{
     Arrays, Band, Bounds, Focus, Gaussians, MAX_SH_DEGREE, Requirements, StoredValues, sh_coefficients,
@@ -57,7 +59,6 @@ impl Examination {
         if widest > EXAMINED && options.sh_storage == Storage::F16 {
             return Err(HostNeeded::Bright);
         }
-        let [means, ..] = head;
         let rows = first_rows(head, sh_degree).ok_or(HostNeeded::Memory)?;
         let mut values = StoredValues::new(rows.len(), sh_degree);
         values.add(&rows);
@@ -66,17 +67,11 @@ impl Examination {
         if may_be.iter().zip(seeks).any(|(may_be, seeks)| *may_be && seeks) {
             return Err(HostNeeded::Grids);
         }
-        let near = options.rules.near;
-        // Scenes with equal first rows share a self-test.
-        let mut hash = blake3::Hasher::new();
-        hash.update(&near.to_le_bytes());
-        head.iter().for_each(|part| _ = hash.update(bytemuck::cast_slice(part)));
         let input = SceneInput {
             layout: Layout::of(&statistics, options),
             extent: statistics.extent,
             alpha_min: options.rules.alpha_min,
-            self_test_camera: self_test_camera(means.as_chunks().0, near),
-            self_test_hash: hash.finalize(),
+            self_test: self_test_of(head, options.rules.near),
         };
         Ok(Self { count, input })
     }
@@ -112,6 +107,17 @@ fn first_rows([means, rotations, scales, opacities, sh]: [&[f32]; 5], sh_degree:
         sh_degree,
     };
     Some(arrays.gaussians().ok()?.0)
+}
+
+/// The input of the self-test. Scenes with equal first rows share one.
+fn self_test_of(head: [&[f32]; 5], near: f32) -> SelfTest {
+    let head = head.map(<[f32]>::to_vec);
+    self_test(move || {
+        let mut hash = blake3::Hasher::new();
+        hash.update(&near.to_le_bytes());
+        head.iter().for_each(|part| _ = hash.update(bytemuck::cast_slice(part)));
+        SelfTestInput { camera: self_test_camera(head[0].as_chunks().0, near), hash: hash.finalize() }
+    })
 }
 
 /// The statistics of all Gaussians that can be drawn. The layouts that they are for need no focus, no ranges of

@@ -7,8 +7,7 @@ use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
 use super::page_cache::{PageCache, PagesRead};
-use super::self_test_input::{SELF_TEST_GAUSSIANS, self_test_camera, self_test_hash};
-use crate::camera::Camera;
+use super::self_test_input::{SELF_TEST_GAUSSIANS, SelfTest, SelfTestInput, self_test, self_test_camera};
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
@@ -34,10 +33,7 @@ pub struct GpuScene {
     /// The number of Gaussians at one scene instance, LOD nodes included.
     pub(crate) nodes: usize,
     pub(crate) extent: Bounds,
-    /// The camera of the self-test, which draws the first Gaussians.
-    pub(crate) self_test_camera: Camera,
-    /// The hash of the input of the self-test.
-    pub(crate) self_test_hash: blake3::Hash,
+    pub(crate) self_test: SelfTest,
     /// Gaussians may be culled where their alpha is below this.
     pub(crate) alpha_min: f32,
     memory: SceneMemory,
@@ -49,8 +45,7 @@ pub(crate) struct SceneInput {
     pub layout: Layout,
     pub extent: Bounds,
     pub alpha_min: f32,
-    pub self_test_camera: Camera,
-    pub self_test_hash: blake3::Hash,
+    pub self_test: SelfTest,
 }
 
 /// The Gaussians that the planes hold.
@@ -143,12 +138,12 @@ impl GpuScene {
     #[doc(hidden)]
     pub fn with(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
         let len = gaussians.len();
+        let tested = SelfTestInput::of(gaussians, options.rules.near);
         let input = SceneInput {
             layout: Layout::of(statistics, options),
             extent: statistics.extent,
             alpha_min: options.rules.alpha_min,
-            self_test_camera: self_test_camera(gaussians.means(), options.rules.near),
-            self_test_hash: self_test_hash(gaussians, options.rules.near),
+            self_test: self_test(move || tested),
         };
         let scene = Self::allocated(device, len, &input)?;
         let mut commands = Commands::new(device)?;
@@ -166,7 +161,7 @@ impl GpuScene {
 
     /// A scene of `len` Gaussians in planes without content.
     fn allocated(device: &Device, len: usize, input: &SceneInput) -> Result<Self> {
-        let SceneInput { layout, extent, alpha_min, self_test_camera, self_test_hash } = input.clone();
+        let SceneInput { layout, extent, alpha_min, self_test } = input.clone();
         Ok(Self {
             bounds: Buffer::new(device, BOUNDS, len)?,
             shapes: planes(device, "shapes", layout.shape_words(), len)?,
@@ -176,8 +171,7 @@ impl GpuScene {
             len,
             nodes: len,
             extent,
-            self_test_camera,
-            self_test_hash,
+            self_test,
             alpha_min,
             memory: SceneMemory::Whole,
         })
@@ -194,9 +188,9 @@ impl GpuScene {
         spare: Option<Self>,
         reserve: u64,
     ) -> Result<Self> {
-        let SceneInput { layout, extent, alpha_min, self_test_camera, self_test_hash } = input.clone();
+        let SceneInput { layout, extent, alpha_min, self_test } = input.clone();
         if let Some(spare) = spare.filter(|spare| spare.is_on(device) && spare.has_planes_for(&layout, len)) {
-            return Ok(Self { layout, extent, alpha_min, self_test_camera, self_test_hash, ..spare });
+            return Ok(Self { layout, extent, alpha_min, self_test, ..spare });
         }
         check_room(device, layout.bytes_each() * len as u64, reserve)?;
         Self::allocated(device, len, input)
@@ -268,7 +262,8 @@ impl GpuScene {
         let elements = geometry.chunks(pages.geometry_words()).flat_map(|page| page.as_chunks::<4>().0[..PAGE].iter());
         let count = pages.statistics().count;
         let means: Vec<_> = elements.take(count).map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect();
-        let near = options.rules.near;
+        let hash = blake3::hash(bytemuck::cast_slice(&geometry));
+        let tested = SelfTestInput { camera: self_test_camera(&means, options.rules.near), hash };
         let scene = Self {
             bounds,
             shapes,
@@ -276,8 +271,7 @@ impl GpuScene {
             grids: Buffer::new(device, "grids", 1)?,
             len: count,
             extent: pages.statistics().extent,
-            self_test_camera: self_test_camera(&means, near),
-            self_test_hash: blake3::hash(bytemuck::cast_slice(&geometry)),
+            self_test: self_test(move || tested),
             alpha_min: pages.alpha_min(),
             layout,
             nodes: pages.nodes(),

@@ -20,4 +20,6 @@ pub(crate) use gpu_scene::{Paged, SceneInput};
 pub use page_cache::PagesRead;
 pub(crate) use page_cache::{LoadedPage, PageCache};
 pub use scene_source::{Content, NoLevels, SceneSource, Upload};
-pub(crate) use self_test_input::{SELF_TEST_GAUSSIANS, SELF_TEST_SIZE, self_test_camera};
+pub(crate) use self_test_input::{
+    SELF_TEST_GAUSSIANS, SELF_TEST_SIZE, SelfTest, SelfTestInput, self_test, self_test_camera,
+};

@@ -1,5 +1,7 @@
 //! The input of the self-test of the fast path: some Gaussians of a scene, and a camera that sees them.
 
+use std::sync::{Arc, LazyLock};
+
 use glam::DVec3;
 
 use crate::camera::Camera;
@@ -9,6 +11,27 @@ use crate::scene::Gaussians;
 pub(crate) const SELF_TEST_GAUSSIANS: usize = 1 << 14;
 /// The size of the picture of the self-test, px.
 pub(crate) const SELF_TEST_SIZE: [u32; 2] = [256, 144];
+
+/// The input of the self-test of a scene, whose first Gaussians it draws.
+#[derive(Debug)]
+pub(crate) struct SelfTestInput {
+    pub camera: Camera,
+    pub hash: blake3::Hash,
+}
+
+/// The input of a self-test, computed when a renderer needs it.
+pub(crate) type SelfTest = Arc<LazyLock<SelfTestInput, Box<dyn FnOnce() -> SelfTestInput + Send>>>;
+
+/// The input that `make` computes.
+pub(crate) fn self_test(make: impl FnOnce() -> SelfTestInput + Send + 'static) -> SelfTest {
+    Arc::new(LazyLock::new(Box::new(make)))
+}
+
+impl SelfTestInput {
+    pub fn of(gaussians: &Gaussians, near: f32) -> Self {
+        Self { camera: self_test_camera(gaussians.means(), near), hash: self_test_hash(gaussians, near) }
+    }
+}
 
 /// A camera that sees most of the Gaussians of the self-test.
 pub(crate) fn self_test_camera(means: &[[f32; 3]], near: f32) -> Camera {
@@ -24,7 +47,7 @@ pub(crate) fn self_test_camera(means: &[[f32; 3]], near: f32) -> Camera {
 }
 
 /// BLAKE3 of the Gaussians of the self-test and of the near plane, on which its camera depends.
-pub(crate) fn self_test_hash(gaussians: &Gaussians, near: f32) -> blake3::Hash {
+fn self_test_hash(gaussians: &Gaussians, near: f32) -> blake3::Hash {
     let count = gaussians.len().min(SELF_TEST_GAUSSIANS);
     let mut hasher = blake3::Hasher::new();
     hasher.update(&near.to_le_bytes()).update(&(count as u64).to_le_bytes());
