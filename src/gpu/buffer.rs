@@ -8,19 +8,12 @@ use anyhow::Result;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 
+use super::capabilities::BUFFER_USAGE;
 use super::device::{Device, Held, Shared};
 use super::element::{Element, Scalar};
 use super::error::describe;
 use super::id::next_id;
 use crate::host_memory::OutOfMemory;
-
-/// The uses of every buffer that shaders bind.
-pub(super) const BUFFER_USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
-    vk::BufferUsageFlags::STORAGE_BUFFER.as_raw()
-        | vk::BufferUsageFlags::INDIRECT_BUFFER.as_raw()
-        | vk::BufferUsageFlags::TRANSFER_SRC.as_raw()
-        | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
-);
 
 /// `len` elements of type `T` in device memory. A clone is the same buffer.
 pub struct Buffer<T> {

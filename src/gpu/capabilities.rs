@@ -9,6 +9,14 @@ use serde::{Serialize, Serializer};
 /// How memory is handed over to other APIs.
 pub(super) const EXPORT_HANDLE: vk::ExternalMemoryHandleTypeFlags = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
 
+/// The uses of every buffer that shaders bind.
+pub(super) const BUFFER_USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
+    vk::BufferUsageFlags::STORAGE_BUFFER.as_raw()
+        | vk::BufferUsageFlags::INDIRECT_BUFFER.as_raw()
+        | vk::BufferUsageFlags::TRANSFER_SRC.as_raw()
+        | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
+);
+
 /// The properties, limits and features of one physical device.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Capabilities {

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use ash::{khr, vk};
 
-use super::buffer::{BUFFER_USAGE, Buffer, Exported, Storage};
-use super::capabilities::{EXPORT_HANDLE, Feature};
+use super::buffer::{Buffer, Exported, Storage};
+use super::capabilities::{BUFFER_USAGE, EXPORT_HANDLE, Feature};
 use super::device::{Device, Shared};
 use super::element::Element;
 use super::error::describe;

@@ -5,9 +5,8 @@ use std::ffi::CStr;
 use anyhow::Result;
 use ash::{ext, khr, vk};
 
-use super::buffer::BUFFER_USAGE;
 use super::capabilities::{
-    Capabilities, DeviceKind, EXPORT_HANDLE, Feature, Limits, MAX_STORAGE_BUFFERS, RequiredSubgroups,
+    BUFFER_USAGE, Capabilities, DeviceKind, EXPORT_HANDLE, Feature, Limits, MAX_STORAGE_BUFFERS, RequiredSubgroups,
 };
 use super::error::{Unavailable, describe};
 use super::instance::{Instance, NO_DRIVER, Validation};
