@@ -9,7 +9,7 @@ const uint MAX_BINS = 7200;      // bins in a picture at most: their counts fit 
 const uint PROJECT_CHUNK = 384;  // Gaussians that one workgroup of project takes
 const uint BIN_CHUNKS = 264;     // chunks of the splats, each listed by one workgroup of list; sort has a lane for each
 const uint BIN_RUN = 2048;       // entries that one workgroup of sort sorts
-const uint MERGE_INPUTS = 16;    // sorted parts of a list that are merged at once
+const uint MERGE_RUNS = 16;      // most runs of a list that are merged at once
 const uint BIN_SEGMENT = 1024;   // entries of a list whose masks lie together
 
 // The list of a bin: entries [first, first + count). Its runs and segments are numbered from first_run and

@@ -7,14 +7,14 @@ use smalto::gpu::{Access, Commands, Image};
 use smalto::options::Options;
 use smalto::reference::{self, BinBlocks, Lists, Tiling};
 use smalto::render::shaders::FastDispatches;
-use smalto::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BIN_RUN, BIN_SEGMENT, BLOCK_WIDTH, BLOCKS, MERGE_INPUTS};
+use smalto::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BIN_RUN, BIN_SEGMENT, BLOCK_WIDTH, BLOCKS, MERGE_RUNS};
 use smalto::render::{BLOCK_HEIGHTS, BinGrid, Target};
 use smalto::rules::{ALPHA_MIN, Background, Rules, TILE};
 
 const RULES: &Rules = &Rules::TRAINED;
 
 /// The length from which on a list takes several merge levels.
-const LONG_LIST: u32 = BIN_RUN * MERGE_INPUTS;
+const LONG_LIST: u32 = BIN_RUN * MERGE_RUNS;
 
 /// A splat and its record in `work.splats`, three elements: the numbers of the record are exact in f64.
 fn splat_of(mean: [f32; 2], factor: [f32; 3], opacity: f32, colour: [f32; 3]) -> (reference::Splat, [[u32; 4]; 3]) {

@@ -3,12 +3,12 @@
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
 use smalto::reference;
-use smalto::render::shaders::fast::{BIN_RUN, BIN_SEGMENT, MERGE_INPUTS};
+use smalto::render::shaders::fast::{BIN_RUN, BIN_SEGMENT, MERGE_RUNS};
 use smalto::render::shaders::{FastCounters, FastDispatches};
 use smalto::render::{BinGrid, Capacity};
 
-/// The length from which on a list takes several merge levels.
-const LONG_LIST: u32 = BIN_RUN * MERGE_INPUTS;
+/// The longest list whose runs are merged at once.
+const LONG_LIST: u32 = BIN_RUN * MERGE_RUNS;
 
 /// Splats over 40 x 30 bins: small ones of one row, some of several rows, few that cover the picture.
 fn scattered(count: usize) -> Input {
@@ -150,7 +150,7 @@ fn offsets_order_bins_by_length() {
     // Four classes for every power of two: within one, lengths differ by a quarter at most.
     let by_order: Vec<u32> = order.iter().map(|bin| lengths[*bin as usize]).collect();
     assert!(by_order.windows(2).all(|pair| f64::from(pair[1]) <= 1.25 * f64::from(pair[0].max(1))), "{by_order:?}");
-    assert!(by_order[0] >= LONG_LIST, "some lists take several merge levels");
+    assert!(by_order[0] > LONG_LIST, "some lists are merged in pairs");
 }
 
 /// Around lanes, subgroups, runs, merge inputs.
@@ -164,7 +164,6 @@ type Key = fn(u32) -> u32;
 
 #[test]
 fn sort_and_merge_order_lists_of_every_length() {
-    let size = [LENGTHS.len() as u32 * 64, 32];
     let kinds: [(&str, Key); 6] = [
         ("random", |i| (u64::from(i).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33) as u32),
         ("close", |i| 0x3f80_0000 + (i.wrapping_mul(0x9e37_79b9) >> 22)),
@@ -173,12 +172,17 @@ fn sort_and_merge_order_lists_of_every_length() {
         ("ascending", |i| i),
         ("one far", |i| if i % 2000 == 1 { 0x7f00_0000 } else { i % 16 }),
     ];
-    for ((name, key), is_shuffled) in kinds.into_iter().flat_map(|kind| [(kind, false), (kind, true)]) {
+    let forms = [(LENGTHS.as_slice(), 2), (&LENGTHS[..LENGTHS.len() - 2], MERGE_RUNS as usize)];
+    let cases = forms.into_iter().flat_map(|form| kinds.map(|kind| [(form, kind, false), (form, kind, true)]));
+    for ((lengths, inputs), (name, key), is_shuffled) in cases.flatten() {
+        let size = [lengths.len() as u32 * 64, 32];
         // In the order of the splats a list has entries of few chunks, shuffled it has entries of all.
-        let input = Input::of_lengths(&LENGTHS, key);
+        let input = Input::of_lengths(lengths, key);
         let input = if is_shuffled { input.shuffled() } else { input };
-        let entries: usize = LENGTHS.iter().sum();
-        let bench = Bench::new(size, 1, &input, entries, 70_000);
+        let entries: usize = lengths.iter().sum();
+        let longest = lengths[lengths.len() - 1];
+        let bench = Bench::new(size, 1, &input, entries, longest as u32);
+        assert_eq!(bench.work.pair_merges().count() > 0, inputs == 2);
         bench.list();
         let bins = bench.bins();
         let listed = bench.lists();
@@ -202,10 +206,10 @@ fn sort_and_merge_order_lists_of_every_length() {
         let ids = bench.gpu.download(&bench.work.splat_ids);
         for ((ids, runs), bin) in parts(&ids, &bins).zip(runs).zip(&bins) {
             let mut expected = runs;
-            for level in 0..2 {
-                let length = (BIN_RUN * MERGE_INPUTS.pow(level)) as usize;
-                expected =
-                    reference::merge_inputs(&expected, length, MERGE_INPUTS as usize, &input.gaussian_from_splat);
+            let mut length = BIN_RUN as usize;
+            while length < longest {
+                expected = reference::merge_inputs(&expected, length, inputs, &input.gaussian_from_splat);
+                length *= inputs;
             }
             assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "{name}: merged list of {}", bin.count);
         }
@@ -213,7 +217,7 @@ fn sort_and_merge_order_lists_of_every_length() {
 }
 
 /// A folded dispatch may have more workgroups than there are runs. Here it has twice as many, those beyond find the
-/// longest list, and there is memory that they could write. The lists take no merge, one level and three levels.
+/// longest list, and there is memory that they could write. The lists take up to nine merges of pairs.
 #[test]
 fn workgroups_without_a_run_do_nothing() {
     const UNTOUCHED: u32 = 0xabcd_1234;

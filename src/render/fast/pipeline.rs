@@ -35,10 +35,8 @@ pub struct FastPipeline {
     list: Stage<List>,
     offsets: Stage<Offsets>,
     sort: Stage<Sort>,
-    /// Merges runs.
-    merge_runs: Stage<Merge>,
-    /// Merges the outputs of the merge level before.
-    merge_again: Stage<Merge>,
+    merge_runs: Stage<MergeRuns>,
+    merge_pairs: Stage<MergePairs>,
     masks: Stage<Masks>,
     /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
     blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
@@ -66,15 +64,14 @@ impl FastPipeline {
         let mut constants = shared(options, layout, subgroup);
         constants.flushes = constants.compact && flushes_denormals(device)?;
         let sort = sort_constants(&constants, subgroup);
-        let merge = |of_runs| Stage::new(device, &MergeConstants { of_runs });
         // A driver compiles on the calling thread.
         threads::scope(|threads| {
             let project = threads.spawn(|| Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup))?;
             let list = threads.spawn(|| Stage::of_subgroups(device, &ListConstants::of(&constants), subgroup))?;
             let offsets = threads.spawn(|| Stage::new(device, &()))?;
             let sort = threads.spawn(|| Stage::of_subgroups(device, &sort, subgroup))?;
-            let merge_runs = threads.spawn(|| merge(true))?;
-            let merge_again = threads.spawn(|| merge(false))?;
+            let merge_runs = threads.spawn(|| Stage::new(device, &()))?;
+            let merge_pairs = threads.spawn(|| Stage::new(device, &()))?;
             let masks = threads.spawn(|| Stage::of_subgroups(device, &MasksConstants::of(&constants), subgroup))?;
             Ok(Some(Self {
                 options: *options,
@@ -84,7 +81,7 @@ impl FastPipeline {
                 offsets: joined(offsets)?,
                 sort: joined(sort)?,
                 merge_runs: joined(merge_runs)?,
-                merge_again: joined(merge_again)?,
+                merge_pairs: joined(merge_pairs)?,
                 masks: joined(masks)?,
                 blend: Default::default(),
                 constants,
@@ -336,24 +333,23 @@ impl FastPipeline {
         cmd.dispatch_indirect(&self.sort, bindings, push, &work.dispatches, groups);
     }
 
-    /// Merges the runs of every list that has several, level by level.
+    /// Merges the runs of every list that has several: all at once, or pair by pair.
     pub fn merge(&self, cmd: &mut Commands, work: &FastWorkspace) {
-        for (level, (input_length, [entries, merged])) in work.merge_levels().enumerate() {
-            if level > 0 {
+        let FastWorkspace { run_bins, bins, gaussian_from_splat, splat_ids, dispatches, .. } = work;
+        let over_runs = offset_of!(FastDispatches, over_runs);
+        let mut merges = work.pair_merges().peekable();
+        if merges.peek().is_none() {
+            let entries = &work.entries;
+            let bindings = MergeRunsBindings { run_bins, bins, gaussian_from_splat, entries, splat_ids, dispatches };
+            return cmd.dispatch_indirect(&self.merge_runs, bindings, (), dispatches, over_runs);
+        }
+        for (input_length, [entries, merged]) in merges {
+            if input_length > BIN_RUN {
                 between_stages(cmd);
             }
-            let stage = if level == 0 { &self.merge_runs } else { &self.merge_again };
-            let bindings = MergeBindings {
-                run_bins: &work.run_bins,
-                bins: &work.bins,
-                gaussian_from_splat: &work.gaussian_from_splat,
-                entries,
-                splat_ids: &work.splat_ids,
-                dispatches: &work.dispatches,
-                merged,
-            };
-            let groups = offset_of!(FastDispatches, over_runs);
-            cmd.dispatch_indirect(stage, bindings, MergePush { input_length }, &work.dispatches, groups);
+            let bindings =
+                MergePairsBindings { run_bins, bins, gaussian_from_splat, entries, splat_ids, dispatches, merged };
+            cmd.dispatch_indirect(&self.merge_pairs, bindings, MergePairsPush { input_length }, dispatches, over_runs);
         }
     }
 

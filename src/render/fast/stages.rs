@@ -35,11 +35,10 @@ pub(super) fn fingerprint(device: &Device, constants: &SharedConstants, subgroup
         Stage::<List>::fingerprint(device, &ListConstants::of(constants), subgroup)?,
         Stage::<Offsets>::fingerprint(device, &(), subgroup)?,
         Stage::<Sort>::fingerprint(device, &sort_constants(constants, subgroup), subgroup)?,
+        Stage::<MergeRuns>::fingerprint(device, &(), subgroup)?,
+        Stage::<MergePairs>::fingerprint(device, &(), subgroup)?,
         Stage::<Masks>::fingerprint(device, &MasksConstants::of(constants), subgroup)?,
     ];
-    for of_runs in [true, false] {
-        stages.push(Stage::<Merge>::fingerprint(device, &MergeConstants { of_runs }, subgroup)?);
-    }
     for height in BLOCK_HEIGHTS {
         let constants = &blend_constants(constants, subgroup, height);
         stages.push(Stage::<Blend>::fingerprint(device, constants, subgroup)?);

@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use crate::gpu::{Buffer, Commands, Device};
 use crate::render::capacity::{Capacity, length};
-use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MERGE_INPUTS};
+use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MERGE_RUNS};
 use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
 
 /// The buffers of one frame of the fast path, whose cells are bins.
@@ -32,10 +32,10 @@ pub struct FastWorkspace {
     pub unsorted: Buffer<u32>,
     /// Depth key and splat of every entry of the lists that are merged, list by list.
     pub entries: Buffer<[u32; 2]>,
-    /// The entries between merge levels, if there are several.
+    /// The entries between merges of pairs.
     pub merged: Buffer<[u32; 2]>,
-    /// The number of merge dispatches of a frame.
-    merge_levels: u32,
+    /// The number of times that inputs of lists are merged in pairs. If 0, all runs of a list are merged at once.
+    pair_merges: u32,
     pub splat_ids: Buffer<u32>,
     /// A bit per entry and block of its bin: 32 words for every segment and block. It shares the memory of `unsorted`,
     /// which no stage reads after sort.
@@ -57,10 +57,10 @@ impl FastWorkspace {
     /// # Errors
     /// If device memory runs out.
     pub fn new(device: &Device, capacity: Capacity, splat_elements: usize) -> Result<Self> {
-        Self::with(device, capacity, splat_elements, 1)
+        Self::with(device, capacity, splat_elements, 0)
     }
 
-    fn with(device: &Device, capacity: Capacity, splat_elements: usize, merge_levels: u32) -> Result<Self> {
+    fn with(device: &Device, capacity: Capacity, splat_elements: usize, pair_merges: u32) -> Result<Self> {
         let visible = length("visible splats", capacity.visible)?;
         let spans = length("rows of bins", capacity.spans)?;
         let entries = length("entries of bins", capacity.listed)?;
@@ -87,8 +87,8 @@ impl FastWorkspace {
             masks: unsorted.words(),
             unsorted,
             entries: Buffer::new(device, "entries", entries)?,
-            merged: Buffer::new(device, "merged entries", if merge_levels > 1 { entries } else { 1 })?,
-            merge_levels,
+            merged: Buffer::new(device, "merged entries", if pair_merges > 0 { entries } else { 1 })?,
+            pair_merges,
             splat_ids: words("splat ids", entries)?,
             splat_elements,
         };
@@ -102,18 +102,18 @@ impl FastWorkspace {
         Ok(work)
     }
 
-    /// Makes the buffers large enough for `demand`, and the merge levels enough for a list of length `longest_list`.
+    /// Makes the buffers large enough for `demand`, and the merges enough for a list of length `longest_list`.
     ///
     /// # Errors
     /// If device memory runs out. The buffers are then empty.
     pub fn grow(&mut self, device: &Device, demand: Capacity, longest_list: u32) -> Result<()> {
         let (current, elements) = (self.capacity, self.splat_elements);
-        let levels = self.merge_levels.max(merge_levels(longest_list));
-        if demand.fits(current) && levels == self.merge_levels {
+        let merges = self.pair_merges.max(pair_merges(longest_list, demand.listed));
+        if demand.fits(current) && merges == self.pair_merges {
             return Ok(());
         }
         *self = Self::new(device, Capacity::default(), elements)?; // frees the old buffers before larger ones are made
-        *self = demand.grow(current, |capacity| Self::with(device, capacity, elements, levels))?;
+        *self = demand.grow(current, |capacity| Self::with(device, capacity, elements, merges))?;
         Ok(())
     }
 
@@ -127,15 +127,17 @@ impl FastWorkspace {
         self.entries.len() as u32
     }
 
-    /// One item per merge level: length of its sorted inputs, input buffer, output buffer.
-    pub fn merge_levels(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
+    /// One item per merge of pairs: length of its sorted inputs, input buffer, output buffer. Empty if all runs of a list
+    /// are merged at once.
+    pub fn pair_merges(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
         let buffers = [[&self.entries, &self.merged], [&self.merged, &self.entries]];
-        (0..self.merge_levels).map(move |level| (BIN_RUN * MERGE_INPUTS.pow(level), buffers[level as usize % 2]))
+        (0..self.pair_merges).map(move |merge| (BIN_RUN << merge, buffers[merge as usize % 2]))
     }
 
-    /// The longest list of a bin that these merge levels sort.
+    /// The longest list of a bin that the merges sort.
     pub fn longest_list(&self) -> u32 {
-        u32::try_from(longest_merged(self.merge_levels)).unwrap_or(u32::MAX)
+        let runs = if self.pair_merges == 0 { MERGE_RUNS.into() } else { 1 << self.pair_merges };
+        u32::try_from(u64::from(BIN_RUN) * runs).unwrap_or(u32::MAX)
     }
 
     /// The name and the bytes of every buffer.
@@ -167,12 +169,14 @@ impl FastWorkspace {
     }
 }
 
-/// The longest list that this number of merge levels sorts.
-fn longest_merged(levels: u32) -> u64 {
-    u64::from(BIN_RUN) * u64::from(MERGE_INPUTS).pow(levels) - 1
-}
+/// Frames with at least as many entries merge runs in pairs. One merge of all runs takes fewer dispatches, but its work
+/// grows with the square of their number.
+const PAIRS_FROM: u64 = 4_000_000;
 
-/// The number of merge levels that sort a list of this length; one if it is short.
-fn merge_levels(longest_list: u32) -> u32 {
-    (1..).find(|levels| longest_merged(*levels) >= longest_list.into()).expect("powers grow")
+/// How often inputs are merged in pairs in a frame with `listed` entries, of which a list has at most `longest_list`; 0 if
+/// all runs of a list are merged at once.
+fn pair_merges(longest_list: u32, listed: u64) -> u32 {
+    let runs = longest_list.div_ceil(BIN_RUN).max(1);
+    let at_once = runs <= MERGE_RUNS && listed < PAIRS_FROM;
+    if at_once { 0 } else { runs.next_power_of_two().ilog2().max(1) }
 }
