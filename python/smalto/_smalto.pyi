@@ -26,11 +26,11 @@ class Scene:
     """Gaussians, in the memory of the host or in a page file."""
     @staticmethod
     def read(
-        path: str | PathLike[str], *, up: str | None = None, flip: str | None = None, lod: int | None = None
+        path: str | PathLike[str], *, up: str | None = None, flip: str | None = None, sog_level: int | None = None
     ) -> Scene:
         """Reads a scene file of any format that `smalto render` reads, or makes a procedural scene such as
         "cactus:100000". A page file (.smalto) stays on the disk and is drawn page by page. `up` is the axis of the file
-        that points up, like "z" or "-y", `flip` names axes to reverse, like "yz", and `lod` is the level of detail of a
+        that points up, like "z" or "-y", `flip` names axes to reverse, like "yz", and `sog_level` is the level of a
         streamed SOG, 0 the finest. Errors: UnreadableError, MemoryError, ValueError for an axis or a level that there
         is not. Ctrl-C ends the reading."""
     @staticmethod

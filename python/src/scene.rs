@@ -34,24 +34,24 @@ pub struct Scene {
 impl Scene {
     /// Reads a scene file of any format that `smalto render` reads, or makes a procedural scene such as
     /// "cactus:100000". A page file (.smalto) stays on the disk and is drawn page by page. `up` is the axis of the file
-    /// that points up, like "z" or "-y", `flip` names axes to reverse, like "yz", and `lod` is the level of detail of a
+    /// that points up, like "z" or "-y", `flip` names axes to reverse, like "yz", and `sog_level` is the level of a
     /// streamed SOG, 0 the finest. Errors: UnreadableError, MemoryError, ValueError for an axis or a level that there
     /// is not. Ctrl-C ends the reading.
     #[staticmethod]
-    #[pyo3(signature = (path, *, up = None, flip = None, lod = None))]
+    #[pyo3(signature = (path, *, up = None, flip = None, sog_level = None))]
     fn read(
         py: Python,
         path: &Bound<PyAny>,
         up: Option<&Bound<PyAny>>,
         flip: Option<&Bound<PyAny>>,
-        lod: Option<&Bound<PyAny>>,
+        sog_level: Option<&Bound<PyAny>>,
     ) -> PyResult<Self> {
         check_process()?;
         let path: PathBuf = given(path, "path", "a path")?;
         let up: Option<String> = optional(up, "up", "an axis, or None")?;
         let flip: Option<String> = optional(flip, "flip", "names of axes, or None")?;
-        let lod = optional(lod, "lod", "the number of a level, or None")?;
-        let reading = smalto::cli::reading(up.as_deref(), flip.as_deref(), lod);
+        let sog_level = optional(sog_level, "sog_level", "the number of a level, or None")?;
+        let reading = smalto::cli::reading(up.as_deref(), flip.as_deref(), sog_level);
         let reading = reading.map_err(|why| PyValueError::new_err(format!("{why:#}")))?;
         interruptible(py, move |is_cancelled| {
             if let Some(made) = path.to_str().and_then(Procedural::parse) {

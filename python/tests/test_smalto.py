@@ -87,7 +87,7 @@ def test_files_are_turned_as_they_are_read(scene, tmp_path):
     with pytest.raises(ValueError, match="flip: expected some of"):
         smalto.Scene.read(file, flip="w")
     with pytest.raises(ValueError, match="level"):
-        smalto.Scene.read(file, lod=3)
+        smalto.Scene.read(file, sog_level=3)
 
 
 def test_many_pictures_are_those_drawn_alone_in_their_order(scene, renderer):
