@@ -5,7 +5,7 @@ use bytemuck::Zeroable;
 use smalto::gpu::{Access, Commands, Device, Image};
 use smalto::options::Options;
 use smalto::render::shaders::FastCounters;
-use smalto::render::shaders::fast::BIN_CHUNKS;
+use smalto::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, MERGE_RUNS};
 use smalto::render::{BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene, Target};
 use smalto::rules::Background;
 
@@ -48,7 +48,9 @@ impl Fast {
             listed: entries.into(),
             cells: grid.count() as usize,
         };
-        let work = FastWorkspace::new(device, capacity, pipeline.splat_elements())?;
+        let mut work = FastWorkspace::new(device, capacity, pipeline.splat_elements())?;
+        // Lists of two runs are merged at once or in pairs.
+        work.grow(device, capacity, BIN_RUN * (MERGE_RUNS + 1))?;
         pipeline.prepare(device, grid)?;
         // Round, 4 px to the threshold, faint: no pixel stops before its list ends.
         let splat = |i: u32| {
@@ -67,7 +69,7 @@ impl Fast {
         cmd.upload(&fast.work.splats, 0, records.len(), |m| m.copy_from_slice(&records))?;
         cmd.upload(&fast.work.depth_keys, 0, keys.len(), |m| m.copy_from_slice(&keys))?;
         cmd.upload(&fast.work.gaussian_from_splat, 0, ids.len(), |m| m.copy_from_slice(&ids))?;
-        for stage in [Self::reset, Self::list, Self::offsets, Self::sort, Self::merge] {
+        for stage in [Self::reset, Self::list, Self::offsets, Self::sort, Self::merge_runs] {
             stage(&fast, &mut cmd);
             cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::SHADER | Access::INDIRECT);
         }
@@ -94,8 +96,12 @@ impl Fast {
         self.pipeline.sort(cmd, &self.work, self.grid);
     }
 
-    fn merge(&self, cmd: &mut Commands) {
-        self.pipeline.merge(cmd, &self.work);
+    fn merge_runs(&self, cmd: &mut Commands) {
+        self.pipeline.merge_runs(cmd, &self.work);
+    }
+
+    fn merge_pairs(&self, cmd: &mut Commands) {
+        self.pipeline.merge_pairs(cmd, &self.work);
     }
 
     fn masks(&self, cmd: &mut Commands) {
@@ -113,11 +119,13 @@ impl Fast {
         let [splats, entries, bins] = [self.splats, self.entries, self.grid.count()].map(u64::from);
         let pixels: u64 = self.image.size().iter().map(|side| u64::from(*side)).product();
         let chunk_lists = 4 * u64::from(BIN_CHUNKS) * (bins + 1);
-        let stages: [(&'static str, u64, &'static [Record], Record); 6] = [
+        let stages: [(&'static str, u64, &'static [Record], Record); 7] = [
             ("fast list", 8 * splats + 4 * bins + chunk_lists + 4 * entries, &[Self::reset], Self::list),
             ("fast offsets", 28 * bins, &[Self::reset, Self::list], Self::offsets),
             ("fast sort", chunk_lists + 8 * entries + 4 * splats, &[Self::reset, Self::list], Self::sort),
-            ("fast merge", 12 * entries, &[], Self::merge),
+            ("fast merge runs", 12 * entries, &[], Self::merge_runs),
+            // No list has more than two runs, so merges change no input.
+            ("fast merge pairs", 12 * entries, &[], Self::merge_pairs),
             ("fast masks", 8 * entries + 32 * splats, &[], Self::masks),
             ("fast blend", 8 * entries + 48 * splats + 16 * pixels, &[Self::masks], Self::blend),
         ];

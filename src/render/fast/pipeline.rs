@@ -333,23 +333,33 @@ impl FastPipeline {
         cmd.dispatch_indirect(&self.sort, bindings, push, &work.dispatches, groups);
     }
 
-    /// Merges the runs of every list that has several: all at once, or pair by pair.
+    /// Merges the runs of every list that has several: all at once, or in pairs if the workspace is made for that.
     pub fn merge(&self, cmd: &mut Commands, work: &FastWorkspace) {
-        let FastWorkspace { run_bins, bins, gaussian_from_splat, splat_ids, dispatches, .. } = work;
-        let over_runs = offset_of!(FastDispatches, over_runs);
-        let mut merges = work.pair_merges().peekable();
-        if merges.peek().is_none() {
-            let entries = &work.entries;
-            let bindings = MergeRunsBindings { run_bins, bins, gaussian_from_splat, entries, splat_ids, dispatches };
-            return cmd.dispatch_indirect(&self.merge_runs, bindings, (), dispatches, over_runs);
+        if work.pair_merges().next().is_none() {
+            self.merge_runs(cmd, work);
+        } else {
+            self.merge_pairs(cmd, work);
         }
-        for (input_length, [entries, merged]) in merges {
+    }
+
+    /// Merges all runs of every list at once.
+    pub fn merge_runs(&self, cmd: &mut Commands, work: &FastWorkspace) {
+        let FastWorkspace { run_bins, bins, gaussian_from_splat, entries, splat_ids, dispatches, .. } = work;
+        let bindings = MergeRunsBindings { run_bins, bins, gaussian_from_splat, entries, splat_ids, dispatches };
+        cmd.dispatch_indirect(&self.merge_runs, bindings, (), dispatches, offset_of!(FastDispatches, over_runs));
+    }
+
+    /// Merges inputs of lists in pairs, until each list is one.
+    pub fn merge_pairs(&self, cmd: &mut Commands, work: &FastWorkspace) {
+        let FastWorkspace { run_bins, bins, gaussian_from_splat, splat_ids, dispatches, .. } = work;
+        for (input_length, [entries, merged]) in work.pair_merges() {
             if input_length > BIN_RUN {
                 between_stages(cmd);
             }
             let bindings =
                 MergePairsBindings { run_bins, bins, gaussian_from_splat, entries, splat_ids, dispatches, merged };
-            cmd.dispatch_indirect(&self.merge_pairs, bindings, MergePairsPush { input_length }, dispatches, over_runs);
+            let groups = offset_of!(FastDispatches, over_runs);
+            cmd.dispatch_indirect(&self.merge_pairs, bindings, MergePairsPush { input_length }, dispatches, groups);
         }
     }
 
