@@ -181,8 +181,8 @@ fn print_operations(device: &Device, load: Load, operations: &[Operation]) -> Re
     Ok(())
 }
 
-/// Prints how many workgroups run at the same time, by their memory: all of a dispatch, times the share of its time that
-/// one workgroup alone takes.
+/// Prints how many workgroups run at the same time, by their memory: all of a dispatch, times the share of its time
+/// that one workgroup alone takes.
 fn print_occupancy(device: &Device, load: Load) -> Result<()> {
     let lanes = Occupancy::WORKGROUP[0];
     let numbers = upload(device, "numbers", &vec![0_u32; lanes as usize])?;

@@ -14,6 +14,6 @@ void main() {
     Bin bin = bins[number];
     if (!begin_block(number, block)) return;
     for (uint k = 0; k < PIXELS; k++) begin_pixel(k, is_inside(k) ? 1.0 : 0.0);
-    blend_words(bin, block, 0, (bin.count + 31) / 32);
+    blend_entries(bin, block);
     for (uint k = 0; k < PIXELS; k++) show(k, colour[k], final_transmittance(k));
 }

@@ -5,7 +5,7 @@
 #include "shared/blend_rules.glsl"
 #include "fast/splat.glsl"
 #include "fast/transmittance.glsl"
-// The blend of a block of pixels by one subgroup, front to back, over the whole list of the bin or a segment of it.
+// The blend of a block of pixels by one subgroup, front to back, over the list of its bin.
 // Requires: WORKGROUP_SIZE, BLOCK_HEIGHT
 // A lane has several pixels of one column. The exponent of a splat is a polynomial around the middle of the block (the
 // idea of Local-GS) and takes two fused multiply-adds per pixel.
@@ -41,6 +41,8 @@ const uint ROWS = SUBGROUP / BLOCK_WIDTH;     // rows from one of these pixels t
 // a lane has enough independent work.
 const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
 
+#include "fast/block_walk.glsl"
+
 // The entries that are blended next.
 // With COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
 // Without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2: three operations more and a tenth of the
@@ -48,58 +50,6 @@ const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
 shared vec4 staged_a[WORKGROUP];
 shared vec4 staged_b[WORKGROUP];  // zw: red and green
 shared float staged_blue[WORKGROUP];
-
-// A walk through a block's mask, one word per lane at a time. Only `word`, `ahead` and `before` differ between lanes.
-struct Walk {
-    uint next;    // first word of the mask that is loaded next
-    uint end;     // one past the last word of the walk
-    uint begin;   // entry of the first bit of the current words
-    uint word;    // current word of this lane
-    uint ahead;   // next word of this lane
-    uint before;  // bits set in the current words of the lanes before
-    uint total;   // bits set in the current words of all lanes
-    uint taken;   // bits of these that were taken
-};
-
-// Index of the n-th set bit of `word`, counted from 0. `word` has more than n.
-uint nth_bit(uint word, uint n) {
-    uint place = 0;
-    for (uint width = 16; width > 0; width /= 2) {
-        uint below = bitCount(bitfieldExtract(word, int(place), int(width)));
-        if (n >= below) {
-            n -= below;
-            place += width;
-        }
-    }
-    return place;
-}
-
-// Index in `masks` of a word of a block's mask. A segment has 32 words for each block.
-uint mask_index(Bin bin, uint block, uint word) {
-    return ((bin.first_segment + word / 32) * BLOCKS + block) * 32 + word % 32;
-}
-
-// Takes the next entries of the walk, at most one per lane. Returns how many; `entry` is this lane's.
-uint take(inout Walk walk, Bin bin, uint block, out uint entry) {
-    while (walk.taken >= walk.total && walk.next < walk.end + SUBGROUP) {
-        walk.word = walk.ahead;
-        walk.begin = 32 * (walk.next - SUBGROUP);
-        uint mine = walk.next + gl_SubgroupInvocationID;
-        walk.ahead = mine < walk.end ? masks[mask_index(bin, block, mine)] : 0;
-        walk.next += SUBGROUP;
-        uint bits = bitCount(walk.word);
-        walk.before = subgroupExclusiveAdd(bits);
-        walk.total = subgroupAdd(bits);
-        walk.taken = 0;
-    }
-    uint count = min(walk.total - walk.taken, SUBGROUP);
-    uint index = walk.taken + gl_SubgroupInvocationID;
-    walk.taken += count;
-    uint owner = owner_of(walk.before, index);
-    uint place = nth_bit(subgroupShuffle(walk.word, owner), index - subgroupShuffle(walk.before, owner));
-    entry = walk.begin + 32 * owner + place;
-    return count;
-}
 
 struct Record {
     vec4 a;
@@ -167,14 +117,9 @@ void begin_pixel(uint k, float transmittance) {
     colour[k] = vec3(0.0);
 }
 
-// Blends the entries that the words [begin, end) of the block's mask mark, until all pixels have stopped.
-void blend_words(Bin bin, uint block, uint begin, uint end) {
-    Walk walk;
-    walk.total = walk.taken = walk.before = walk.word = walk.begin = 0;
-    walk.next = begin + SUBGROUP;
-    walk.end = end;
-    uint word = begin + gl_SubgroupInvocationID;
-    walk.ahead = word < end ? masks[mask_index(bin, block, word)] : 0;
+// Blends the entries that reach the block, until all pixels have stopped.
+void blend_entries(Bin bin, uint block) {
+    Walk walk = begin_walk(bin, block);
     // Splats are loaded one batch ahead and their ids two, so that the loads run while a batch is blended.
     uint entry;
     uint count = take(walk, bin, block, entry);

@@ -39,7 +39,7 @@ void main() {
     Bin bin = bins[number];
     for (uint k = 0; k < PIXELS; k++) go_on(k);
     if (bin.count > 0) {
-        blend_words(bin, block, 0, (bin.count + 31) / 32);
+        blend_entries(bin, block);
         for (uint k = 0; k < PIXELS; k++) keep(k);
     }
     bool is_open = false;

@@ -214,6 +214,14 @@ fn faint(count: usize, every: usize) -> Vec<(reference::Splat, [[u32; 4]; 3])> {
     (0..count).map(splat).collect()
 }
 
+/// Every entry reaches every block: the words of a mask have more entries than are taken at once.
+#[test]
+fn blend_of_crowded_blocks_agrees_with_its_twin() {
+    for (count, height) in [(127, 0), (128, 0), (129, 0), (3000, 0), (3000, 1)] {
+        blend_agrees(&faint(count, 1), height, [40, 20]);
+    }
+}
+
 #[test]
 fn blend_of_long_lists_agrees_with_its_twin() {
     let count = LONG_LIST as usize + 7;
