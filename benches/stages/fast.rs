@@ -31,7 +31,7 @@ impl Fast {
         let options = Options::EXACT;
         let scene = GpuScene::new(device, &smalto::procedural::cactus(1)?.gaussians, &options)?;
         let Some(mut pipeline) = FastPipeline::new(device, &options, scene.layout())? else { return Ok(None) };
-        let grid = BinGrid::new(SIZE, 1);
+        let grid = BinGrid::new(SIZE, 2);
         let [columns, rows] = grid.bins;
         // Row and columns of bins; the splat lies in the middle of its first.
         let place = |i: u32| (random(3 * i) % rows, random(3 * i + 1) % columns, 1 + random(3 * i + 2) % 3);

@@ -1,6 +1,7 @@
 #version 460
 #define WORKGROUP_SIZE 128
 layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
+layout(constant_id = 11) const bool HAS_RING = false;  // in small pictures
 #include "fast/blend_block.glsl"
 // One subgroup per block of pixels: blends the splats that reach it front to back, and ends when all its pixels have
 // stopped.

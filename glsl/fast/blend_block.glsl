@@ -6,7 +6,7 @@
 #include "fast/splat.glsl"
 #include "fast/transmittance.glsl"
 // The blend of a block of pixels by one subgroup, front to back, over the list of its bin.
-// Requires: WORKGROUP_SIZE, BLOCK_HEIGHT
+// Requires: WORKGROUP_SIZE, BLOCK_HEIGHT, HAS_RING
 // A lane has several pixels of one column. The exponent of a splat is a polynomial around the middle of the block (the
 // idea of Local-GS) and takes two fused multiply-adds per pixel.
 

@@ -2,6 +2,7 @@
 #define WORKGROUP_SIZE 128
 #define IMAGE_ACCESS
 layout(constant_id = 10) const uint BLOCK_HEIGHT = 8;  // px
+const bool HAS_RING = false;
 #include "fast/blend_block.glsl"
 // One subgroup per block of pixels: blends one slab as fast/blend.comp, starting from the states of the previous slab.
 // Before: bins, sorted splat_ids and masks of the slab; open_bins is 0. After: image has the state of every pixel,

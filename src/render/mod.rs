@@ -72,7 +72,7 @@ pub use arrays::{DeviceArrays, Examination, HostNeeded};
 #[doc(hidden)]
 pub use capacity::Capacity;
 #[doc(hidden)]
-pub use fast::{BLOCK_HEIGHTS, BinGrid, FastPipeline, FastWorkspace, flushes_denormals};
+pub use fast::{BLOCK_FORMS, BinGrid, BlockForm, FastPipeline, FastWorkspace, flushes_denormals};
 #[doc(hidden)]
 pub use frame::{Shot, Target, Variation};
 pub(crate) use frame::{depth_bits, tiles};

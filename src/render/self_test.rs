@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Result, bail, ensure};
 
 use super::capacity::MAX_ATTEMPTS;
-use super::fast::BLOCK_HEIGHTS;
+use super::fast::BLOCK_FORMS;
 use super::frame::{Shot, Target, Variation};
 use super::path::Path;
 use super::path_choice::PathChoice;
@@ -56,7 +56,7 @@ fn test_fast(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Resul
             match disagreement(paths, device, scene) {
                 // Without memory for its small pictures the self-test is skipped, and the next start tests again.
                 Err(error) if error.is::<OutOfMemory>() => {
-                    paths.force_block_height(None);
+                    paths.force_block_form(None);
                     return paths.end_self_test(device, scene.len(), None);
                 }
                 other => other?,
@@ -77,13 +77,13 @@ fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Re
     let scene = scene.first(SELF_TEST_GAUSSIANS);
     let expected = draw(paths, device, &scene, Path::Portable)?;
     let mut largest: f32 = 0.0;
-    let heights = if is_due(device) { BLOCK_HEIGHTS.len() } else { 1 };
-    for height in 0..heights {
-        paths.force_block_height(Some(height));
+    let forms = if is_due(device) { BLOCK_FORMS.len() } else { 1 };
+    for form in 0..forms {
+        paths.force_block_form(Some(form));
         let drawn = draw(paths, device, &scene, Path::Fast)?;
         largest = largest.max(difference(&drawn, &expected));
     }
-    paths.force_block_height(None);
+    paths.force_block_form(None);
     Ok((largest > TOLERANCE).then_some(largest))
 }
 

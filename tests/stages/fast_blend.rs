@@ -8,7 +8,7 @@ use smalto::options::Options;
 use smalto::reference::{self, BinBlocks, Lists, Tiling};
 use smalto::render::shaders::FastDispatches;
 use smalto::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BIN_RUN, BIN_SEGMENT, BLOCK_WIDTH, BLOCKS, MERGE_RUNS};
-use smalto::render::{BLOCK_HEIGHTS, BinGrid, Target};
+use smalto::render::{BLOCK_FORMS, BinGrid, Target};
 use smalto::rules::{ALPHA_MIN, Background, Rules, TILE};
 
 const RULES: &Rules = &Rules::TRAINED;
@@ -79,14 +79,14 @@ fn listed_everywhere(count: usize, grid: BinGrid) -> Input {
 #[test]
 fn masks_mark_every_block_that_a_splat_reaches_and_hardly_more() {
     // Around a word of bits and a segment.
-    for (count, height) in [(1, 0), (31, 1), (32, 2), (33, 0), (1023, 1), (1024, 2), (1025, 0), (2500, 1)] {
-        let block_height = BLOCK_HEIGHTS[height];
+    for (count, form) in [(1, 1), (31, 2), (32, 3), (33, 1), (1023, 2), (1024, 3), (1025, 1), (2500, 2)] {
+        let block_height = BLOCK_FORMS[form].height;
         let size = [2 * 64, 2 * BIN_ROWS * block_height];
-        let grid = BinGrid::new(size, height);
+        let grid = BinGrid::new(size, form);
         // Projection drops splats under the threshold of 1/255.
         let splats = splats(count, size, [0.004, 1.0]);
         let input = listed_everywhere(count, grid);
-        let bench = Bench::new(size, height, &input, count * grid.count() as usize, 0);
+        let bench = Bench::new(size, form, &input, count * grid.count() as usize, 0);
         bench.list();
         upload_lists(&bench, &splats);
         bench.run(|b, cmd| b.pipeline.masks(cmd, &b.work, b.grid));
@@ -117,8 +117,8 @@ fn masks_mark_every_block_that_a_splat_reaches_and_hardly_more() {
 fn workgroups_without_a_segment_do_nothing() {
     const UNTOUCHED: u32 = 0xabcd_1234;
     let (size, count) = ([2 * 64, 32], 1500);
-    let grid = BinGrid::new(size, 1);
-    let bench = Bench::new(size, 1, &listed_everywhere(count, grid), 10_000, 0);
+    let grid = BinGrid::new(size, 2);
+    let bench = Bench::new(size, 2, &listed_everywhere(count, grid), 10_000, 0);
     bench.list();
     upload_lists(&bench, &splats(count, size, [0.004, 1.0]));
     let dispatches = bench.gpu.download(&bench.work.dispatches)[0];
@@ -142,12 +142,12 @@ const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.3];
 fn blended(
     options: &Options,
     splats: &[(reference::Splat, [[u32; 4]; 3])],
-    height: usize,
+    form: usize,
     size: [u32; 2],
 ) -> Vec<[f32; 4]> {
-    let (count, grid) = (splats.len(), BinGrid::new(size, height));
+    let (count, grid) = (splats.len(), BinGrid::new(size, form));
     let (input, entries) = (listed_everywhere(count, grid), count * grid.count() as usize);
-    let bench = Bench::with(options, size, height, &input, entries, count as u32);
+    let bench = Bench::with(options, size, form, &input, entries, count as u32);
     bench.list();
     upload_lists(&bench, splats);
     bench.run(|b, cmd| b.pipeline.masks(cmd, &b.work, b.grid));
@@ -162,8 +162,8 @@ fn blended(
 }
 
 /// Compares a picture of lists of all splats in every bin with the reference's blend of the same lists.
-fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], height: usize, size: [u32; 2]) {
-    let drawn = blended(&Options::EXACT, splats, height, size);
+fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], form: usize, size: [u32; 2]) {
+    let drawn = blended(&Options::EXACT, splats, form, size);
     let count = splats.len();
     let tiling = Tiling::of(size);
     let ids: Vec<u32> = (0..count as u32).collect();
@@ -176,7 +176,7 @@ fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], height: usize, siz
     for (index, (pixel, exact)) in pairs {
         let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
         let place = dvec2((index as u32 % size[0]).into(), (index as u32 / size[0]).into());
-        assert!(error <= 1e-4 + exact.doubt, "{error} at {place}, {count} splats, height {height}");
+        assert!(error <= 1e-4 + exact.doubt, "{error} at {place}, {count} splats, form {form}");
         // A doubtful stop moves a colour by 1e-4; the comparison would be worth little with more doubt than this.
         in_doubt += usize::from(exact.doubt > 1e-3);
     }
@@ -186,16 +186,16 @@ fn blend_agrees(splats: &[(reference::Splat, [[u32; 4]; 3])], height: usize, siz
 #[test]
 fn blend_of_short_lists_agrees_with_its_twin() {
     // The last sizes leave blocks and bins that the picture cuts.
-    for (count, height, size) in [
+    for (count, form, size) in [
         (0, 0, [64, 16]),
-        (1, 1, [64, 32]),
-        (31, 2, [64, 64]),
-        (33, 0, [100, 33]),
-        (1024, 1, [65, 33]),
-        (1025, 2, [33, 65]),
+        (1, 2, [64, 32]),
+        (31, 3, [64, 64]),
+        (33, 1, [100, 33]),
+        (1024, 2, [65, 33]),
+        (1025, 3, [33, 65]),
         (3000, 0, [64, 16]),
     ] {
-        blend_agrees(&splats(count, size, [0.01, 0.999]), height, size);
+        blend_agrees(&splats(count, size, [0.01, 0.999]), form, size);
     }
 }
 
@@ -217,8 +217,8 @@ fn faint(count: usize, every: usize) -> Vec<(reference::Splat, [[u32; 4]; 3])> {
 /// Every entry reaches every block: the words of a mask have more entries than are taken at once.
 #[test]
 fn blend_of_crowded_blocks_agrees_with_its_twin() {
-    for (count, height) in [(127, 0), (128, 0), (129, 0), (3000, 0), (3000, 1)] {
-        blend_agrees(&faint(count, 1), height, [40, 20]);
+    for (count, form) in [(127, 0), (128, 0), (129, 0), (3000, 0), (3000, 1), (3000, 2)] {
+        blend_agrees(&faint(count, 1), form, [40, 20]);
     }
 }
 
@@ -226,10 +226,27 @@ fn blend_of_crowded_blocks_agrees_with_its_twin() {
 fn blend_of_long_lists_agrees_with_its_twin() {
     let count = LONG_LIST as usize + 7;
     // Pixels that see the end of the list, and pixels that stop within it.
-    for (height, every) in [(0, 40), (1, 5), (2, 40)] {
-        blend_agrees(&faint(count, every), height, [40, 20]);
+    for (form, every) in [(0, 40), (1, 40), (2, 5), (3, 40)] {
+        blend_agrees(&faint(count, every), form, [40, 20]);
     }
     assert_eq!(TILE, 16, "bins are whole tiles");
+}
+
+#[test]
+fn a_ring_changes_no_bit() {
+    let size = [40, 20];
+    // The density of the last two changes within the list, and the last has more entries than 16 bits count.
+    let lists = [
+        splats(3000, size, [0.01, 0.1]),
+        faint(5000, 40),
+        [faint(9000, 90), faint(700, 1), faint(9000, 90), faint(700, 2)].concat(),
+        [faint(70_000, 500), faint(1000, 1)].concat(),
+    ];
+    for (number, list) in lists.iter().enumerate() {
+        let [with_ring, without] = [0, 1].map(|form| blended(&Options::EXACT, list, form, size));
+        assert!(with_ring == without, "list {number}");
+        blend_agrees(list, 0, size);
+    }
 }
 
 /// Splats are blended four or eight at once. Here up to nine that reach only the first pixel of a block come before the
@@ -238,17 +255,17 @@ fn blend_of_long_lists_agrees_with_its_twin() {
 fn where_a_pixel_stops_does_not_depend_on_the_splats_that_are_blended_at_once() {
     let options = Options { stop: 0.05, ..Options::EXACT };
     let others = splats(60, [8, 8], [0.2, 0.6]);
-    for (height, size) in [(0, [8, 4]), (1, [8, 8]), (2, [8, 16])] {
+    for (form, size) in [(0, [8, 4]), (1, [8, 4]), (2, [8, 8]), (3, [8, 16])] {
         let picture = |before: usize| {
             let first_pixel = splat_of([0.5, 0.5], [6.0, 0.0, 6.0], 0.1, [1.0; 3]);
             let all: Vec<_> = std::iter::repeat_n(first_pixel, before).chain(others.iter().copied()).collect();
-            blended(&options, &all, height, size)[1..].to_vec()
+            blended(&options, &all, form, size)[1..].to_vec()
         };
         let alone = picture(0);
         assert!(alone.iter().any(|pixel| pixel[3] > 0.95), "some pixels stop");
         assert!(alone.iter().all(|pixel| pixel[3] < 0.999), "no pixel takes all splats");
         for before in 1..10 {
-            assert_eq!(picture(before), alone, "{before} before, height {height}");
+            assert_eq!(picture(before), alone, "{before} before, form {form}");
         }
     }
 }

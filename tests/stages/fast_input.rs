@@ -65,16 +65,16 @@ impl Input {
 }
 
 impl Bench {
-    /// With the capacity for `input` and so many entries.
-    pub fn new(size_px: [u32; 2], height: usize, input: &Input, entries: usize, longest_list: u32) -> Self {
-        Self::with(&Options::EXACT, size_px, height, input, entries, longest_list)
+    /// With blocks of `BLOCK_FORMS[form]`, and the capacity for `input` and so many entries.
+    pub fn new(size_px: [u32; 2], form: usize, input: &Input, entries: usize, longest_list: u32) -> Self {
+        Self::with(&Options::EXACT, size_px, form, input, entries, longest_list)
     }
 
     /// The same for other options.
     pub fn with(
         options: &Options,
         size_px: [u32; 2],
-        height: usize,
+        form: usize,
         input: &Input,
         entries: usize,
         longest_list: u32,
@@ -83,7 +83,7 @@ impl Bench {
         let scene = GpuScene::new(&gpu.0, &cactus(1).unwrap().gaussians, options).unwrap();
         let pipeline = FastPipeline::new(&gpu.0, options, scene.layout()).unwrap();
         let mut pipeline = pipeline.expect("the device has a fast path");
-        let grid = BinGrid::new(size_px, height);
+        let grid = BinGrid::new(size_px, form);
         let count = input.span_ranges.len();
         let capacity = Capacity {
             gaussians: count,

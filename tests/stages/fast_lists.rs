@@ -48,10 +48,10 @@ fn counters_are_zero(bench: &Bench) {
 fn list_and_offsets_list_every_splat_in_its_bins() {
     for count in COUNTS {
         let input = scattered(count);
-        let grid = BinGrid::new([40 * 64, 30 * 32], 1);
+        let grid = BinGrid::new([40 * 64, 30 * 32], 2);
         let counts = input.counts(grid);
         let entries: u32 = counts.iter().sum();
-        let bench = Bench::new([40 * 64, 30 * 32], 1, &input, entries as usize, 0);
+        let bench = Bench::new([40 * 64, 30 * 32], 2, &input, entries as usize, 0);
 
         bench.run(|b, cmd| b.pipeline.list(cmd, &b.work, b.grid));
         assert_eq!(bench.gpu.download(&bench.work.listed_in_bins), counts, "{count} splats");
@@ -92,10 +92,10 @@ fn list_and_offsets_list_every_splat_in_its_bins() {
 fn entries_that_do_not_fit_are_counted_and_none_is_listed() {
     let input = scattered(2000);
     let size = [40 * 64, 30 * 32];
-    let counts = input.counts(BinGrid::new(size, 1));
+    let counts = input.counts(BinGrid::new(size, 2));
     let entries: u32 = counts.iter().sum();
     for capacity in [0, 1, entries / 2, entries - 1] {
-        let bench = Bench::new(size, 1, &input, capacity as usize, 0);
+        let bench = Bench::new(size, 2, &input, capacity as usize, 0);
         bench.list();
         let totals = bench.gpu.download(&bench.work.totals)[0];
         assert_eq!([totals.listed_high, totals.listed_low, totals.listed_kept], [0, entries, 0]);
@@ -110,7 +110,7 @@ fn entries_that_do_not_fit_are_counted_and_none_is_listed() {
 #[test]
 fn a_demand_of_more_than_32_bits_is_counted() {
     let input = scattered(2000);
-    let bench = Bench::new([40 * 64, 30 * 32], 1, &input, 5000, 0);
+    let bench = Bench::new([40 * 64, 30 * 32], 2, &input, 5000, 0);
     let taken = FastCounters { visible: 2000, listed_low: u32::MAX - 100, ..bytemuck::Zeroable::zeroed() };
     bench.run(|b, cmd| cmd.upload(&b.work.counters, 0, 1, |memory| memory[0] = taken).unwrap());
     bench.list();
@@ -125,7 +125,7 @@ fn a_demand_of_more_than_32_bits_is_counted() {
 #[test]
 fn offsets_order_bins_by_length() {
     let lengths: Vec<u32> = (0..900).map(|i: u32| i.wrapping_mul(0x9e37_79b9) >> (15 + i % 17)).collect();
-    let bench = Bench::new([30 * 64, 30 * 32], 1, &Input::of_lengths(&[], |_| 0), 0, 0);
+    let bench = Bench::new([30 * 64, 30 * 32], 2, &Input::of_lengths(&[], |_| 0), 0, 0);
     let demand: u32 = lengths.iter().sum();
     let counted = FastCounters { listed_low: demand, ..bytemuck::Zeroable::zeroed() };
     let mut bench = bench;
@@ -181,7 +181,7 @@ fn sort_and_merge_order_lists_of_every_length() {
         let input = if is_shuffled { input.shuffled() } else { input };
         let entries: usize = lengths.iter().sum();
         let longest = lengths[lengths.len() - 1];
-        let bench = Bench::new(size, 1, &input, entries, longest as u32);
+        let bench = Bench::new(size, 2, &input, entries, longest as u32);
         assert_eq!(bench.work.pair_merges().count() > 0, inputs == 2);
         bench.list();
         let bins = bench.bins();
@@ -224,7 +224,7 @@ fn workgroups_without_a_run_do_nothing() {
     let lengths = [1, 5000, 2048, 530_000];
     let input = Input::of_lengths(&lengths, |i| i.wrapping_mul(0x9e37_79b9));
     let entries = lengths.iter().sum::<usize>();
-    let bench = Bench::new([4 * 64, 32], 1, &input, entries + 20_000, 530_000);
+    let bench = Bench::new([4 * 64, 32], 2, &input, entries + 20_000, 530_000);
     bench.list();
     let dispatches = bench.gpu.download(&bench.work.dispatches)[0];
     let runs = lengths.iter().map(|length| length.div_ceil(BIN_RUN as usize)).sum::<usize>();

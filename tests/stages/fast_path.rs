@@ -6,7 +6,7 @@ use smalto::camera::Camera;
 use smalto::options::Options;
 use smalto::procedural::cactus;
 use smalto::reference;
-use smalto::render::{Capacity, GpuScene, Renderer};
+use smalto::render::{BLOCK_FORMS, Capacity, FastPipeline, GpuScene, Renderer};
 use smalto::rules::Background;
 
 fn camera(size: [u32; 2]) -> Camera {
@@ -72,6 +72,23 @@ fn pictures_do_not_depend_on_those_before_them() {
         assert!(still.pixels().unwrap() == alone, "{size:?}");
     }
     assert!(attempts > 6, "some did not fit at first");
+}
+
+#[test]
+fn small_pictures_have_rings_and_crowded_ones_low_blocks() {
+    let gpu = Gpu::new();
+    let scene = GpuScene::new(&gpu.0, &cactus(1).unwrap().gaussians, &Options::EXACT).unwrap();
+    let pipeline = FastPipeline::new(&gpu.0, &Options::EXACT, scene.layout()).unwrap().unwrap();
+    for (size, gaussians, height, has_ring) in [
+        ([720, 720], 1000, 4, true),
+        ([720, 720], 1_940_000, 4, true),
+        ([1920, 1080], 6_000_000, 4, false),
+        ([1920, 1080], 4_000_000, 8, false),
+        ([3840, 2160], 4_000_000, 16, false),
+    ] {
+        let form = BLOCK_FORMS[pipeline.grid(size, gaussians).form_index];
+        assert_eq!((form.height, form.has_ring), (height, has_ring), "{size:?}, {gaussians} Gaussians");
+    }
 }
 
 /// Blocks are 4, 8 or 16 pixels high.

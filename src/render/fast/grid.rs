@@ -1,6 +1,6 @@
 //! A picture in bins and blocks.
 
-use super::stages::BLOCK_HEIGHTS;
+use super::stages::BLOCK_FORMS;
 use crate::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BLOCK_WIDTH};
 
 /// The sizes of one picture in bins and blocks.
@@ -10,16 +10,16 @@ pub struct BinGrid {
     pub bins: [u32; 2],
     /// px
     pub block_height: u32,
-    /// The index of `block_height` in [`BLOCK_HEIGHTS`].
-    pub(in crate::render) height_index: usize,
+    /// The index in [`BLOCK_FORMS`] of the form of its blocks.
+    pub form_index: usize,
 }
 
 impl BinGrid {
-    pub fn new(size_px: [u32; 2], height_index: usize) -> Self {
-        let block_height = BLOCK_HEIGHTS[height_index];
+    pub fn new(size_px: [u32; 2], form_index: usize) -> Self {
+        let block_height = BLOCK_FORMS[form_index].height;
         let bin_px = [BIN_COLUMNS * BLOCK_WIDTH, BIN_ROWS * block_height];
         let bins = std::array::from_fn(|axis| size_px[axis].div_ceil(bin_px[axis]));
-        Self { bins, block_height, height_index }
+        Self { bins, block_height, form_index }
     }
 
     /// Width and height of a bin, px.

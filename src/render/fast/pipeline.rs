@@ -8,7 +8,7 @@ use anyhow::Result;
 
 use super::denormals::flushes_denormals;
 use super::grid::BinGrid;
-use super::stages::{self, BLOCK_HEIGHTS, blend_constants, sort_constants};
+use super::stages::{self, BLOCK_FORMS, blend_constants, sort_constants};
 use super::workspace::FastWorkspace;
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
@@ -20,7 +20,7 @@ use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
 use crate::threads::{self, joined};
 
-/// Pictures with fewer pixels have the lowest blocks.
+/// Pictures with fewer pixels have the lowest blocks, and rings.
 const SMALL_PICTURE: u64 = 1 << 20;
 /// Pictures with at least this many pixels have the highest blocks.
 const LARGE_PICTURE: u64 = 1 << 22;
@@ -38,13 +38,13 @@ pub struct FastPipeline {
     merge_runs: Stage<MergeRuns>,
     merge_pairs: Stage<MergePairs>,
     masks: Stage<Masks>,
-    /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
-    blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
+    /// One for each of [`BLOCK_FORMS`], made when the first picture needs it.
+    blend: [Option<Stage<Blend>>; BLOCK_FORMS.len()],
     constants: SharedConstants,
     subgroup: u32,
     longest_list: u32,
-    /// The index in [`BLOCK_HEIGHTS`] of all pictures, if set; otherwise it depends on the size of the picture.
-    pub(in crate::render) forced_block_height: Option<usize>,
+    /// The index in [`BLOCK_FORMS`] of all pictures, if set; otherwise it depends on the size of the picture.
+    pub(in crate::render) forced_block_form: Option<usize>,
 }
 
 impl FastPipeline {
@@ -86,7 +86,7 @@ impl FastPipeline {
                 blend: Default::default(),
                 constants,
                 subgroup,
-                forced_block_height: None,
+                forced_block_form: None,
                 // The loops of one invocation together take at most two iterations per entry of a list.
                 longest_list: device.capabilities().loop_limit.map_or(u32::MAX, |limit| limit / 2),
             }))
@@ -111,24 +111,24 @@ impl FastPipeline {
     /// # Errors
     /// If the pipeline cannot be made.
     pub fn prepare(&mut self, device: &Device, grid: BinGrid) -> Result<()> {
-        let height = grid.height_index;
-        let constants = blend_constants(&self.constants, self.subgroup, grid.block_height);
-        if self.blend[height].is_none() {
-            self.blend[height] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
+        let form = grid.form_index;
+        let constants = blend_constants(&self.constants, self.subgroup, BLOCK_FORMS[form]);
+        if self.blend[form].is_none() {
+            self.blend[form] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
         Ok(())
     }
 
-    /// Makes the blend pipelines for all block heights at the same time.
+    /// Makes the blend pipelines for all forms of blocks at the same time.
     ///
     /// # Errors
     /// If a pipeline cannot be made.
-    pub fn make_all_heights(&mut self, device: &Device) -> Result<()> {
+    pub fn make_all_blends(&mut self, device: &Device) -> Result<()> {
         let (constants, subgroup) = (&self.constants, self.subgroup);
         threads::scope(|threads| {
-            let making = BLOCK_HEIGHTS.map(|height| {
+            let making = BLOCK_FORMS.map(|form| {
                 threads
-                    .spawn(move || Stage::of_subgroups(device, &blend_constants(constants, subgroup, height), subgroup))
+                    .spawn(move || Stage::of_subgroups(device, &blend_constants(constants, subgroup, form), subgroup))
             });
             for (blend, making) in self.blend.iter_mut().zip(making) {
                 *blend = Some(joined(making?)?);
@@ -139,19 +139,20 @@ impl FastPipeline {
 
     /// The bins and blocks of a picture of a scene with `gaussians` Gaussians.
     pub fn grid(&self, size_px: [u32; 2], gaussians: usize) -> BinGrid {
-        if let Some(height) = self.forced_block_height {
-            return BinGrid::new(size_px, height);
+        if let Some(form) = self.forced_block_form {
+            return BinGrid::new(size_px, form);
         }
         let pixels: u64 = size_px.iter().map(|side| u64::from(*side)).product();
         let is_crowded = gaussians as u64 > 2 * pixels;
-        let every_lane_has_a_pixel = self.subgroup <= BLOCK_WIDTH * BLOCK_HEIGHTS[0];
+        let every_lane_has_a_pixel = self.subgroup <= BLOCK_WIDTH * BLOCK_FORMS[0].height;
         let least = match pixels {
-            _ if every_lane_has_a_pixel && (is_crowded || pixels < SMALL_PICTURE) => 0,
-            ..LARGE_PICTURE => 1,
-            _ => 2,
+            ..SMALL_PICTURE if every_lane_has_a_pixel => 0,
+            _ if every_lane_has_a_pixel && is_crowded => 1,
+            ..LARGE_PICTURE => 2,
+            _ => 3,
         };
-        let fits = |height: &usize| BinGrid::new(size_px, *height).count() <= MAX_BINS;
-        BinGrid::new(size_px, (least..2).find(fits).unwrap_or(2))
+        let fits = |form: &usize| BinGrid::new(size_px, *form).count() <= MAX_BINS;
+        BinGrid::new(size_px, (least..3).find(fits).unwrap_or(3))
     }
 
     /// The longest list of a bin that it can draw.
@@ -394,7 +395,7 @@ impl FastPipeline {
             bins: grid.count(),
             background: target.background.colour(),
         };
-        let blend = self.blend[grid.height_index].as_ref().expect("`prepare` made it");
+        let blend = self.blend[grid.form_index].as_ref().expect("`prepare` made it");
         let lanes = u64::from(grid.count()) * u64::from(BLOCKS * self.subgroup);
         cmd.dispatch(blend, bindings, push, DispatchSize::Invocations(lanes));
     }

@@ -7,9 +7,23 @@ use crate::render::portable::digit_bits;
 use crate::render::shaders::SharedConstants;
 use crate::render::shaders::fast::*;
 
-/// Heights of blocks, px. Low blocks balance the work of small and of crowded pictures; with high blocks fewer splats
-/// are listed more than once.
-pub const BLOCK_HEIGHTS: [u32; 3] = [4, 8, 16];
+/// The form of a picture's blocks.
+#[derive(Clone, Copy)]
+pub struct BlockForm {
+    /// px. Low blocks balance the work of small and of crowded pictures; with high blocks fewer splats are listed more
+    /// than once.
+    pub height: u32,
+    /// True if blend keeps entries in a ring: a subgroup takes less time for a splat, and executes more instructions.
+    pub has_ring: bool,
+}
+
+/// The forms of blocks: of small pictures, of crowded ones, of others, of large ones.
+pub const BLOCK_FORMS: [BlockForm; 4] = [
+    BlockForm { height: 4, has_ring: true },
+    BlockForm { height: 4, has_ring: false },
+    BlockForm { height: 8, has_ring: false },
+    BlockForm { height: 16, has_ring: false },
+];
 
 /// The most workgroup memory of the counts of a sort, bytes.
 const SORT_COUNTS_BYTES: u32 = 16 << 10;
@@ -23,9 +37,10 @@ pub(super) fn sort_constants(constants: &SharedConstants, subgroup: u32) -> Sort
 pub(in crate::render) fn blend_constants(
     constants: &SharedConstants,
     subgroup: u32,
-    block_height: u32,
+    form: BlockForm,
 ) -> BlendConstants {
-    BlendConstants { block_height: block_height.max(subgroup / BLOCK_WIDTH), ..BlendConstants::of(constants) }
+    let BlockForm { height, has_ring } = form;
+    BlendConstants { block_height: height.max(subgroup / BLOCK_WIDTH), has_ring, ..BlendConstants::of(constants) }
 }
 
 /// A fingerprint of all stages.
@@ -39,8 +54,8 @@ pub(super) fn fingerprint(device: &Device, constants: &SharedConstants, subgroup
         Stage::<MergePairs>::fingerprint(device, &(), subgroup)?,
         Stage::<Masks>::fingerprint(device, &MasksConstants::of(constants), subgroup)?,
     ];
-    for height in BLOCK_HEIGHTS {
-        let constants = &blend_constants(constants, subgroup, height);
+    for form in BLOCK_FORMS {
+        let constants = &blend_constants(constants, subgroup, form);
         stages.push(Stage::<Blend>::fingerprint(device, constants, subgroup)?);
     }
     let mut hasher = blake3::Hasher::new();

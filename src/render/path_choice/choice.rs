@@ -87,15 +87,15 @@ impl PathChoice {
         &self.portable
     }
 
-    /// Makes the pipelines of both paths and of all block heights at the same time: a driver compiles on the calling
+    /// Makes the pipelines of both paths and of all forms of blocks at the same time: a driver compiles on the calling
     /// thread.
     pub fn make_all_pipelines(&mut self, device: &Device) -> Result<()> {
         let Self { portable, fast, options, .. } = self;
         threads::scope(|threads| {
             let making = threads.spawn(|| portable.make(device, options))?;
-            let heights = fast.as_mut().map_or(Ok(()), |fast| fast.pipeline.make_all_heights(device));
+            let blends = fast.as_mut().map_or(Ok(()), |fast| fast.pipeline.make_all_blends(device));
             joined(making)?;
-            heights
+            blends
         })
     }
 
@@ -126,11 +126,11 @@ impl PathChoice {
         self.fast.as_mut().expect("there is a fast path").pipeline = pipeline;
     }
 
-    /// Sets the index in `fast::BLOCK_HEIGHTS` for all pictures of the fast path. With `None`, each picture takes the
-    /// height that suits it.
-    pub fn force_block_height(&mut self, height: Option<usize>) {
+    /// Sets the index in `fast::BLOCK_FORMS` for all pictures of the fast path. With `None`, each picture takes the form
+    /// that suits it.
+    pub fn force_block_form(&mut self, form: Option<usize>) {
         if let Some(fast) = &mut self.fast {
-            fast.pipeline.forced_block_height = height;
+            fast.pipeline.forced_block_form = form;
         }
     }
 

@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
 use crate::render::fast::{
-    BLOCK_HEIGHTS, BinGrid, FastFrame, FastPipeline, FastWorkspace, between_stages, blend_constants,
+    BLOCK_FORMS, BinGrid, FastFrame, FastPipeline, FastWorkspace, between_stages, blend_constants,
 };
 use crate::render::frame::Target;
 use crate::render::shaders::SharedConstants;
@@ -15,8 +15,8 @@ use crate::rules::Background;
 /// The stages, built for one set of options and one layout of a scene.
 pub struct FastStages {
     list: Stage<List>,
-    /// One for each of [`BLOCK_HEIGHTS`], made when the first picture needs it.
-    blend: [Option<Stage<Blend>>; BLOCK_HEIGHTS.len()],
+    /// One for each of [`BLOCK_FORMS`], made when the first picture needs it.
+    blend: [Option<Stage<Blend>>; BLOCK_FORMS.len()],
     begin: Stage<Begin>,
     finish: Stage<Finish>,
     constants: SharedConstants,
@@ -48,9 +48,9 @@ impl FastStages {
 
     /// Makes the blend for pictures of this grid.
     pub fn prepare(&mut self, device: &Device, grid: BinGrid) -> Result<()> {
-        let blend = &mut self.blend[grid.height_index];
+        let (blend, form) = (&mut self.blend[grid.form_index], BLOCK_FORMS[grid.form_index]);
         if blend.is_none() {
-            let block_height = blend_constants(&self.constants, self.subgroup, grid.block_height).block_height;
+            let block_height = blend_constants(&self.constants, self.subgroup, form).block_height;
             let constants = BlendConstants { block_height, ..BlendConstants::of(&self.constants) };
             *blend = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
@@ -113,7 +113,7 @@ impl FastStages {
         // The background is added at the end.
         let background = Background::Transparent.colour();
         let push = BlendPush { size_px: image.size(), bins_x: grid.bins[0], bins: grid.count(), background };
-        let blend = self.blend[grid.height_index].as_ref().expect("`prepare` made it");
+        let blend = self.blend[grid.form_index].as_ref().expect("`prepare` made it");
         let lanes = u64::from(grid.count()) * u64::from(BLOCKS * self.subgroup);
         cmd.dispatch(blend, bindings, push, DispatchSize::Invocations(lanes));
     }
