@@ -127,8 +127,8 @@ impl FastWorkspace {
         self.entries.len() as u32
     }
 
-    /// One item per merge of pairs: length of its sorted inputs, input buffer, output buffer. Empty if all runs of a list
-    /// are merged at once.
+    /// One item per merge of pairs: length of its sorted inputs, input buffer, output buffer. Empty if all runs of a
+    /// list are merged at once.
     pub fn pair_merges(&self) -> impl Iterator<Item = (u32, [&Buffer<[u32; 2]>; 2])> {
         let buffers = [[&self.entries, &self.merged], [&self.merged, &self.entries]];
         (0..self.pair_merges).map(move |merge| (BIN_RUN << merge, buffers[merge as usize % 2]))
@@ -173,8 +173,8 @@ impl FastWorkspace {
 /// grows with the square of their number.
 const PAIRS_FROM: u64 = 4_000_000;
 
-/// How often inputs are merged in pairs in a frame with `listed` entries, of which a list has at most `longest_list`; 0 if
-/// all runs of a list are merged at once.
+/// How often inputs are merged in pairs in a frame with `listed` entries, of which a list has at most `longest_list`; 0
+/// if all runs of a list are merged at once.
 fn pair_merges(longest_list: u32, listed: u64) -> u32 {
     let runs = longest_list.div_ceil(BIN_RUN).max(1);
     let at_once = runs <= MERGE_RUNS && listed < PAIRS_FROM;

@@ -126,8 +126,8 @@ impl PathChoice {
         self.fast.as_mut().expect("there is a fast path").pipeline = pipeline;
     }
 
-    /// Sets the index in `fast::BLOCK_FORMS` for all pictures of the fast path. With `None`, each picture takes the form
-    /// that suits it.
+    /// Sets the index in `fast::BLOCK_FORMS` for all pictures of the fast path. With `None`, each picture takes the
+    /// form that suits it.
     pub fn force_block_form(&mut self, form: Option<usize>) {
         if let Some(fast) = &mut self.fast {
             fast.pipeline.forced_block_form = form;
