@@ -77,8 +77,8 @@ fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Re
     let scene = scene.first(SELF_TEST_GAUSSIANS);
     let expected = draw(paths, device, &scene, Path::Portable)?;
     let mut largest: f32 = 0.0;
-    let forms = if is_due(device) { BLOCK_FORMS.len() } else { 1 };
-    for form in 0..forms {
+    let forms: Vec<usize> = paths.fast().map_or_else(Vec::new, |fast| fast.forms().collect());
+    for form in forms.into_iter().take(if is_due(device) { BLOCK_FORMS.len() } else { 1 }) {
         paths.force_block_form(Some(form));
         let drawn = draw(paths, device, &scene, Path::Fast)?;
         largest = largest.max(difference(&drawn, &expected));

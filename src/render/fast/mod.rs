@@ -21,6 +21,5 @@ pub(super) use frame::FastFrame;
 pub use grid::BinGrid;
 pub use pipeline::FastPipeline;
 pub(super) use pipeline::between_stages;
-pub(super) use stages::blend_constants;
 pub use stages::{BLOCK_FORMS, BlockForm};
 pub use workspace::FastWorkspace;

@@ -112,11 +112,17 @@ impl FastPipeline {
     /// If the pipeline cannot be made.
     pub fn prepare(&mut self, device: &Device, grid: BinGrid) -> Result<()> {
         let form = grid.form_index;
-        let constants = blend_constants(&self.constants, self.subgroup, BLOCK_FORMS[form]);
+        let constants = blend_constants(&self.constants, BLOCK_FORMS[form]);
         if self.blend[form].is_none() {
             self.blend[form] = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
         Ok(())
+    }
+
+    /// The indices in [`BLOCK_FORMS`] of the forms that its pictures can have.
+    pub fn forms(&self) -> impl Iterator<Item = usize> + use<> {
+        let subgroup = self.subgroup;
+        (0..BLOCK_FORMS.len()).filter(move |form| BLOCK_FORMS[*form].suits(subgroup))
     }
 
     /// Makes the blend pipelines for all forms of blocks at the same time.
@@ -124,14 +130,15 @@ impl FastPipeline {
     /// # Errors
     /// If a pipeline cannot be made.
     pub fn make_all_blends(&mut self, device: &Device) -> Result<()> {
-        let (constants, subgroup) = (&self.constants, self.subgroup);
+        let forms = self.forms();
+        let Self { constants, subgroup, blend, .. } = self;
+        let (constants, subgroup) = (&*constants, *subgroup);
+        let make =
+            move |form: usize| Stage::of_subgroups(device, &blend_constants(constants, BLOCK_FORMS[form]), subgroup);
         threads::scope(|threads| {
-            let making = BLOCK_FORMS.map(|form| {
-                threads
-                    .spawn(move || Stage::of_subgroups(device, &blend_constants(constants, subgroup, form), subgroup))
-            });
-            for (blend, making) in self.blend.iter_mut().zip(making) {
-                *blend = Some(joined(making?)?);
+            let making: Vec<_> = forms.map(|form| (form, threads.spawn(move || make(form)))).collect();
+            for (form, making) in making {
+                blend[form] = Some(joined(making?)?);
             }
             Ok(())
         })
@@ -144,10 +151,10 @@ impl FastPipeline {
         }
         let pixels: u64 = size_px.iter().map(|side| u64::from(*side)).product();
         let is_crowded = gaussians as u64 > 2 * pixels;
-        let every_lane_has_a_pixel = self.subgroup <= BLOCK_WIDTH * BLOCK_FORMS[0].height;
+        let may_be_low = BLOCK_FORMS[0].suits(self.subgroup);
         let least = match pixels {
-            ..SMALL_PICTURE if every_lane_has_a_pixel => 0,
-            _ if every_lane_has_a_pixel && is_crowded => 1,
+            ..SMALL_PICTURE if may_be_low => 0,
+            _ if may_be_low && is_crowded => 1,
             ..LARGE_PICTURE => 2,
             _ => 3,
         };

@@ -17,6 +17,13 @@ pub struct BlockForm {
     pub has_ring: bool,
 }
 
+impl BlockForm {
+    /// True if a block has a pixel for each lane of a subgroup of this size.
+    pub fn suits(self, subgroup: u32) -> bool {
+        subgroup <= BLOCK_WIDTH * self.height
+    }
+}
+
 /// The forms of blocks: of small pictures, of crowded ones, of others, of large ones.
 pub const BLOCK_FORMS: [BlockForm; 4] = [
     BlockForm { height: 4, has_ring: true },
@@ -34,13 +41,9 @@ pub(super) fn sort_constants(constants: &SharedConstants, subgroup: u32) -> Sort
     SortConstants { digit_bits, subgroups, ..SortConstants::of(constants) }
 }
 
-pub(in crate::render) fn blend_constants(
-    constants: &SharedConstants,
-    subgroup: u32,
-    form: BlockForm,
-) -> BlendConstants {
-    let BlockForm { height, has_ring } = form;
-    BlendConstants { block_height: height.max(subgroup / BLOCK_WIDTH), has_ring, ..BlendConstants::of(constants) }
+pub(super) fn blend_constants(constants: &SharedConstants, form: BlockForm) -> BlendConstants {
+    let BlockForm { height: block_height, has_ring } = form;
+    BlendConstants { block_height, has_ring, ..BlendConstants::of(constants) }
 }
 
 /// A fingerprint of all stages.
@@ -54,11 +57,24 @@ pub(super) fn fingerprint(device: &Device, constants: &SharedConstants, subgroup
         Stage::<MergePairs>::fingerprint(device, &(), subgroup)?,
         Stage::<Masks>::fingerprint(device, &MasksConstants::of(constants), subgroup)?,
     ];
-    for form in BLOCK_FORMS {
-        let constants = &blend_constants(constants, subgroup, form);
+    for form in BLOCK_FORMS.into_iter().filter(|form| form.suits(subgroup)) {
+        let constants = &blend_constants(constants, form);
         stages.push(Stage::<Blend>::fingerprint(device, constants, subgroup)?);
     }
     let mut hasher = blake3::Hasher::new();
     stages.iter().for_each(|stage| _ = hasher.update(stage.as_bytes()));
     Ok(hasher.finalize())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The self-test draws every form that suits, so a wrong one would cost the device its fast path.
+    #[test]
+    fn each_lane_of_a_subgroup_has_a_pixel() {
+        let suiting = |subgroup| BLOCK_FORMS.map(|form| form.suits(subgroup));
+        assert_eq!([8, 16, 32].map(suiting), [[true; 4]; 3]);
+        assert_eq!(suiting(64), [false, false, true, true]);
+    }
 }

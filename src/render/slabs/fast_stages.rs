@@ -3,9 +3,7 @@
 use anyhow::Result;
 
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
-use crate::render::fast::{
-    BLOCK_FORMS, BinGrid, FastFrame, FastPipeline, FastWorkspace, between_stages, blend_constants,
-};
+use crate::render::fast::{BLOCK_FORMS, BinGrid, FastFrame, FastPipeline, FastWorkspace, between_stages};
 use crate::render::frame::Target;
 use crate::render::shaders::SharedConstants;
 use crate::render::shaders::fast::{BIN_CHUNKS, BLOCKS, MAX_BINS};
@@ -50,8 +48,7 @@ impl FastStages {
     pub fn prepare(&mut self, device: &Device, grid: BinGrid) -> Result<()> {
         let (blend, form) = (&mut self.blend[grid.form_index], BLOCK_FORMS[grid.form_index]);
         if blend.is_none() {
-            let block_height = blend_constants(&self.constants, self.subgroup, form).block_height;
-            let constants = BlendConstants { block_height, ..BlendConstants::of(&self.constants) };
+            let constants = BlendConstants { block_height: form.height, ..BlendConstants::of(&self.constants) };
             *blend = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
         Ok(())
