@@ -3,6 +3,7 @@
 use anyhow::Result;
 
 use crate::gpu::{Buffer, Commands, Device};
+use crate::host_memory::OutOfMemory;
 use crate::render::capacity::{Capacity, length};
 use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MERGE_RUNS};
 use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
@@ -36,6 +37,8 @@ pub struct FastWorkspace {
     pub merged: Buffer<[u32; 2]>,
     /// The number of times that inputs of lists are merged in pairs. If 0, all runs of a list are merged at once.
     pair_merges: u32,
+    /// There was too little memory for merges in pairs.
+    has_no_room_for_pairs: bool,
     pub splat_ids: Buffer<u32>,
     /// A bit per entry and block of its bin: 32 words for every segment and block. It shares the memory of `unsorted`,
     /// which no stage reads after sort.
@@ -89,6 +92,7 @@ impl FastWorkspace {
             entries: Buffer::new(device, "entries", entries)?,
             merged: Buffer::new(device, "merged entries", if pair_merges > 0 { entries } else { 1 })?,
             pair_merges,
+            has_no_room_for_pairs: false,
             splat_ids: words("splat ids", entries)?,
             splat_elements,
         };
@@ -107,13 +111,23 @@ impl FastWorkspace {
     /// # Errors
     /// If device memory runs out. The buffers are then empty.
     pub fn grow(&mut self, device: &Device, demand: Capacity, longest_list: u32) -> Result<()> {
-        let (current, elements) = (self.capacity, self.splat_elements);
-        let merges = self.pair_merges.max(pair_merges(longest_list, demand.listed));
+        let (current, elements, no_room) = (self.capacity, self.splat_elements, self.has_no_room_for_pairs);
+        let can_merge_at_once = longest_list.div_ceil(BIN_RUN) <= MERGE_RUNS;
+        let merges = match no_room && can_merge_at_once {
+            true => self.pair_merges,
+            false => self.pair_merges.max(pair_merges(longest_list, demand.listed)),
+        };
         if demand.fits(current) && merges == self.pair_merges {
             return Ok(());
         }
         *self = Self::new(device, Capacity::default(), elements)?; // frees the old buffers before larger ones are made
-        *self = demand.grow(current, |capacity| Self::with(device, capacity, elements, merges))?;
+        let make = |merges| demand.grow(current, |capacity| Self::with(device, capacity, elements, merges));
+        *self = match make(merges) {
+            Err(error) if error.is::<OutOfMemory>() && merges > 0 && can_merge_at_once => {
+                Self { has_no_room_for_pairs: true, ..make(0)? }
+            }
+            made => Self { has_no_room_for_pairs: no_room, ..made? },
+        };
         Ok(())
     }
 
@@ -179,4 +193,36 @@ fn pair_merges(longest_list: u32, listed: u64) -> u32 {
     let runs = longest_list.div_ceil(BIN_RUN).max(1);
     let at_once = runs <= MERGE_RUNS && listed < PAIRS_FROM;
     if at_once { 0 } else { runs.next_power_of_two().ilog2().max(1) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::{DeviceChoice, Validation};
+
+    #[test]
+    fn where_merges_in_pairs_have_no_room_all_runs_are_merged_at_once() {
+        let open =
+            || Device::open(&DeviceChoice::Best, Validation::IfInstalled).expect("GPU tests need a Vulkan device");
+        let device = open().with_memory_limit(Some(90 << 20)).unwrap();
+        let mut work = FastWorkspace::new(&device, Capacity::default(), 2).unwrap();
+        let demand = |listed| Capacity { gaussians: 1000, visible: 1000, spans: 1000, listed, cells: 10 };
+        work.grow(&device, demand(1_000_000), 20_000).unwrap();
+        assert_eq!(work.pair_merges().count(), 0, "few entries");
+        work.grow(&device, demand(4_000_000), 20_000).unwrap();
+        assert_eq!(work.pair_merges().count(), 0, "24 bytes for each of 4 million entries are too many");
+        let entries = work.entries.clone();
+        work.grow(&device, demand(4_000_000), 20_000).unwrap();
+        assert!(std::ptr::eq(entries.name(), work.entries.name()), "the next frame makes no new buffers");
+        let error = work.grow(&device, demand(4_000_000), 40_000).unwrap_err();
+        assert!(error.is::<OutOfMemory>(), "a list of 20 runs is merged in pairs: {error:#}");
+
+        let device = open();
+        let mut work = FastWorkspace::new(&device, Capacity::default(), 2).unwrap();
+        for (longest_list, merges) in [(1, 1), (2049, 1), (4096, 1), (4097, 2), (20_000, 4), (40_000, 5)] {
+            work.grow(&device, demand(4_000_000), longest_list).unwrap();
+            assert_eq!(work.pair_merges().count(), merges, "{longest_list}");
+            assert_eq!(work.longest_list(), BIN_RUN << merges);
+        }
+    }
 }
