@@ -15,7 +15,7 @@ void visit(uint bin, uint splat, bool writes) {
 
 void main() {
     uint chunk = workgroup();
-    if (chunk >= BIN_CHUNKS) return;
+    if (chunk >= push.chunks) return;
     for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) next[bin] = 0;
     barrier();
     visit_chunk(chunk, false);
@@ -32,15 +32,14 @@ void main() {
         if (region + all < region) atomicAdd(counters.listed_high, 1);
     }
     barrier();
-    uint row = chunk * (push.bins + 1);
     start += region;
     for (uint bin = begin; bin < end; bin++) {
         uint listed = next[bin];
         if (listed > 0) atomicAdd(listed_in_bins[bin], listed);
-        list_starts[row + bin] = next[bin] = start;
+        list_starts[bin * push.chunks + chunk] = next[bin] = start;
         start += listed;
     }
-    if (lane() == 0) list_starts[row + push.bins] = region + all;
+    if (lane() == 0) list_starts[push.bins * push.chunks + chunk] = region + all;
     // A frame that needs more entries is drawn again.
     if (region > push.entry_capacity || all > push.entry_capacity - region) return;
     barrier();

@@ -23,10 +23,10 @@ layout(binding = 3, scalar) readonly buffer DepthKeys { uint depth_keys[]; };   
 layout(binding = 4, scalar) writeonly buffer Entries { uvec2 entries[]; };                  // [entry_capacity]
 layout(binding = 5, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
 layout(binding = 6, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
-layout(binding = 7, scalar) readonly buffer ListStarts { uint list_starts[]; };             // [BIN_CHUNKS * (bins + 1)]
+layout(binding = 7, scalar) readonly buffer ListStarts { uint list_starts[]; };             // [(bins + 1) * chunks]
 layout(binding = 8, scalar) readonly buffer Unsorted { uint unsorted[]; };                  // [entry_capacity]
 layout(push_constant, scalar) uniform Push {
-    uint bins;
+    uint chunks;
 } push;
 
 #include "shared/subgroup_rank.glsl"
@@ -103,10 +103,34 @@ bool exists(uint k) {
     return own + k * gl_SubgroupSize < count;
 }
 
-// The begin and the end of the list of this lane's chunk in a bin.
-uvec2 chunk_list_of_lane(uint bin) {
-    uint place = lane() * (push.bins + 1) + bin;
-    return lane() < BIN_CHUNKS ? uvec2(list_starts[place], list_starts[place + 1]) : uvec2(0);
+// The least power of 2 that is not below the number of chunks.
+uint chunk_places() {
+    return 1u << findMSB(2 * push.chunks - 1);
+}
+
+// Sets, for every chunk, `values` to the number of entries of a bin in the chunks before it, and `keys` to the
+// difference between the index of an entry of the chunk list in `unsorted` and in the list of the bin.
+void load_chunk_lists(uint bin) {
+    // Each lane handles consecutive chunks.
+    uint each = div_up(push.chunks, WORKGROUP), first = lane() * each, end = min(first + each, push.chunks);
+    uvec4 begins = uvec4(0), counts = uvec4(0);
+#define LOAD_STARTS(k) \
+    if (first + k < end) { \
+        uint place = bin * push.chunks + first + k; \
+        begins[k] = list_starts[place]; \
+        counts[k] = list_starts[place + push.chunks] - begins[k]; \
+    }
+    LOAD_STARTS(0) LOAD_STARTS(1) LOAD_STARTS(2) LOAD_STARTS(3)
+    uint total, before = workgroup_exclusive_add(counts.x + counts.y + counts.z + counts.w, total);
+#define PUT_CHUNK(k) \
+    if (first + k < end) { \
+        values[first + k] = before; \
+        keys[first + k] = begins[k] - before; \
+        before += counts[k]; \
+    }
+    PUT_CHUNK(0) PUT_CHUNK(1) PUT_CHUNK(2) PUT_CHUNK(3)
+    for (uint i = push.chunks + lane(); i < chunk_places(); i += WORKGROUP) values[i] = NONE;
+    barrier();
 }
 
 // Loads the depth key of every item. Items past the end load some key, which is not used.
@@ -115,18 +139,12 @@ void load_depths() {
     EACH_ITEM(LOAD_DEPTH)
 }
 
-// Loads the items of the run, which begins with entry `begin` of a list, from the chunk lists of all lanes.
-void load(uint begin, uvec2 chunk_list) {
-    // For every chunk list: the entries of the list before it, and the difference between the index of an entry in
-    // `unsorted` and in the list.
-    uint total, before = workgroup_exclusive_add(chunk_list.y - chunk_list.x, total);
-    values[lane()] = before;
-    keys[lane()] = chunk_list.x - before;
-    barrier();
+// Loads the items of the run, which begins with entry `begin` of a list.
+void load(uint begin) {
     // The last chunk list that begins at the entry or before it is not empty: the next one begins after it.
     uint first = begin + own;
     uvec4 source = uvec4(0);
-    for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
+    for (uint step = chunk_places() / 2; step > 0; step /= 2) {
 #define HALVE(k) if (values[source[k] + step] <= first + k * gl_SubgroupSize) source[k] += step;
         EACH_ITEM(HALVE)
     }
@@ -246,14 +264,14 @@ void main() {
     uint run = workgroup();
     if (IS_SURPLUS(dispatches.runs)) return;
     uint number = run_bins[run];
-    uvec2 chunk_list = chunk_list_of_lane(number);  // loaded before the bin is waited for
+    load_chunk_lists(number);
     Bin bin = bins[number];
     uint begin = (run - bin.first_run) * BIN_RUN;
     count = min(bin.count - begin, BIN_RUN);
     items = div_up(count, WORKGROUP);
     own = gl_SubgroupID * gl_SubgroupSize * items + gl_SubgroupInvocationID;
     value = uvec4(0);
-    load(begin, chunk_list);
+    load(begin);
     if (lane() == 0) is_crowded = 0;
     sort_by_distribution();
     for (uint i = lane(); i < count; i += WORKGROUP) {

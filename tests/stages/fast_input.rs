@@ -5,7 +5,6 @@ use smalto::gpu::{Access, Commands};
 use smalto::options::Options;
 use smalto::procedural::cactus;
 use smalto::reference;
-use smalto::render::shaders::fast::BIN_CHUNKS;
 use smalto::render::shaders::{Bin, FastCounters};
 use smalto::render::{BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene};
 
@@ -23,6 +22,8 @@ pub struct Input {
     pub spans: Vec<u32>,
     pub depth_keys: Vec<u32>,
     pub gaussian_from_splat: Vec<u32>,
+    /// Splats that fit into the buffers.
+    pub room: usize,
 }
 
 impl Input {
@@ -38,7 +39,8 @@ impl Input {
         let mut gaussian_from_splat: Vec<u32> = (0..count).collect();
         let mut random = Random(count.into());
         (1..count).for_each(|i| gaussian_from_splat.swap(i as usize, random.below(i + 1) as usize));
-        Self { span_ranges, spans, depth_keys: (0..count).map(key).collect(), gaussian_from_splat }
+        let (depth_keys, room) = ((0..count).map(key).collect(), span_ranges.len());
+        Self { span_ranges, spans, depth_keys, gaussian_from_splat, room }
     }
 
     /// Splats of one bin each: so many in every bin of a row, bin after bin.
@@ -52,6 +54,11 @@ impl Input {
         let mut random = Random(7);
         (1..self.span_ranges.len()).for_each(|i| self.span_ranges.swap(i, random.below(i as u32 + 1) as usize));
         self
+    }
+
+    /// The same splats in buffers for more of them.
+    pub fn with_room(self, room: usize) -> Self {
+        Self { room, ..self }
     }
 
     pub fn counts(&self, grid: BinGrid) -> Vec<u32> {
@@ -87,7 +94,7 @@ impl Bench {
         let count = input.span_ranges.len();
         let capacity = Capacity {
             gaussians: count,
-            visible: count as u64,
+            visible: input.room as u64,
             spans: input.spans.len() as u64,
             listed: entries as u64,
             cells: grid.count() as usize,
@@ -125,10 +132,9 @@ impl Bench {
 
     /// For every chunk, the begin of its list in each bin; then the end of the last of these lists.
     pub fn list_starts(&self) -> Vec<Vec<usize>> {
-        let starts = self.gpu.download(&self.work.list_starts).into_iter().map(|start| start as usize);
-        let starts: Vec<usize> = starts.collect();
-        let row = self.grid.count() as usize + 1;
-        starts.chunks(row).take(BIN_CHUNKS as usize).map(<[usize]>::to_vec).collect()
+        let (starts, chunks) = (self.gpu.download(&self.work.list_starts), self.work.chunks() as usize);
+        let of_chunk = |chunk| starts.iter().skip(chunk).step_by(chunks).map(|start| *start as usize).collect();
+        (0..chunks).map(of_chunk).collect()
     }
 
     /// The lists of all bins before they are sorted: their chunk lists, one after another.

@@ -3,7 +3,7 @@
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
 use smalto::reference;
-use smalto::render::shaders::fast::{BIN_RUN, BIN_SEGMENT, MERGE_RUNS};
+use smalto::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MAX_BIN_CHUNKS, MERGE_RUNS};
 use smalto::render::shaders::{FastCounters, FastDispatches};
 use smalto::render::{BinGrid, Capacity};
 
@@ -176,18 +176,20 @@ fn sort_and_merge_order_lists_of_every_length() {
     let cases = forms.into_iter().flat_map(|form| kinds.map(|kind| [(form, kind, false), (form, kind, true)]));
     for ((lengths, inputs), (name, key), is_shuffled) in cases.flatten() {
         let size = [lengths.len() as u32 * 64, 32];
-        // In the order of the splats a list has entries of few chunks, shuffled it has entries of all.
+        // In the order of the splats a list has entries of few chunks, shuffled it has entries of all, and there are
+        // more chunks than lanes of sort.
         let input = Input::of_lengths(lengths, key);
-        let input = if is_shuffled { input.shuffled() } else { input };
+        let input = if is_shuffled { input.shuffled().with_room(2_500_000) } else { input };
         let entries: usize = lengths.iter().sum();
         let longest = lengths[lengths.len() - 1];
         let bench = Bench::new(size, 2, &input, entries, longest as u32);
         assert_eq!(bench.work.pair_merges().count() > 0, inputs == 2);
+        assert_eq!(bench.work.chunks(), if is_shuffled { MAX_BIN_CHUNKS } else { BIN_CHUNKS });
         bench.list();
         let bins = bench.bins();
         let listed = bench.lists();
 
-        bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
+        bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work));
         let sorted = bench.gpu.download(&bench.work.entries);
         let ids = bench.gpu.download(&bench.work.splat_ids);
         let mut runs = Vec::new();
@@ -237,7 +239,7 @@ fn workgroups_without_a_run_do_nothing() {
         cmd.fill(&b.work.entries, UNTOUCHED);
         cmd.fill(&b.work.merged, UNTOUCHED);
     });
-    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
+    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work));
     bench.run(|b, cmd| b.pipeline.merge(cmd, &b.work));
     let ids = bench.gpu.download(&bench.work.splat_ids);
     for (ids, mut expected) in parts(&ids, &bench.bins()).zip(input.lists(bench.grid)) {

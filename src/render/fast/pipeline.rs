@@ -24,8 +24,8 @@ use crate::threads::{self, joined};
 const SMALL_PICTURE: u64 = 1 << 20;
 /// Pictures with at least this many pixels have the highest blocks.
 const LARGE_PICTURE: u64 = 1 << 22;
-// Each chunk has a lane of sort.
-const _: () = assert!(BIN_CHUNKS <= Sort::WORKGROUP[0]);
+// A lane of sort loads the starts of four chunk lists.
+const _: () = assert!(MAX_BIN_CHUNKS <= 4 * Sort::WORKGROUP[0]);
 
 /// The stages of a fast frame, built for one set of options and one layout of a scene.
 pub struct FastPipeline {
@@ -216,7 +216,7 @@ impl FastPipeline {
     pub(in crate::render) fn sort_lists(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         cmd.scope("offsets", |cmd| self.offsets(cmd, work, grid));
         between_stages(cmd);
-        cmd.scope("sort", |cmd| self.sort(cmd, work, grid));
+        cmd.scope("sort", |cmd| self.sort(cmd, work));
         between_stages(cmd);
         cmd.scope("merge", |cmd| self.merge(cmd, work));
         between_stages(cmd);
@@ -298,8 +298,9 @@ impl FastPipeline {
             bins: grid.count(),
             visible_capacity: work.visible_capacity(),
             entry_capacity: work.entry_capacity(),
+            chunks: work.chunks(),
         };
-        cmd.dispatch(&self.list, bindings, push, DispatchSize::Groups(BIN_CHUNKS.into()));
+        cmd.dispatch(&self.list, bindings, push, DispatchSize::Groups(work.chunks().into()));
     }
 
     /// Finds the begin of each bin's list, and the dispatches over runs and segments.
@@ -325,7 +326,7 @@ impl FastPipeline {
     }
 
     /// Sorts every run by depth, then by Gaussian.
-    pub fn sort(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+    pub fn sort(&self, cmd: &mut Commands, work: &FastWorkspace) {
         let bindings = SortBindings {
             run_bins: &work.run_bins,
             bins: &work.bins,
@@ -337,7 +338,7 @@ impl FastPipeline {
             list_starts: &work.list_starts,
             unsorted: &work.unsorted,
         };
-        let (push, groups) = (SortPush { bins: grid.count() }, offset_of!(FastDispatches, over_runs));
+        let (push, groups) = (SortPush { chunks: work.chunks() }, offset_of!(FastDispatches, over_runs));
         cmd.dispatch_indirect(&self.sort, bindings, push, &work.dispatches, groups);
     }
 

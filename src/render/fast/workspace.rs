@@ -5,7 +5,7 @@ use anyhow::Result;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::render::capacity::{Capacity, length};
-use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MERGE_RUNS};
+use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MAX_BIN_CHUNKS, MERGE_RUNS};
 use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
 
 /// The buffers of one frame of the fast path, whose cells are bins.
@@ -22,8 +22,8 @@ pub struct FastWorkspace {
     pub span_ranges: Buffer<[u32; 2]>,
     pub spans: Buffer<u32>,
     pub listed_in_bins: Buffer<u32>,
-    /// For every chunk of splats and every bin: the begin of the chunk list in `unsorted`. The end of the last list of
-    /// the chunk follows.
+    /// For every bin and chunk of splats: the begin of the chunk list in `unsorted`. Then the ends of the last lists of
+    /// all chunks.
     pub list_starts: Buffer<u32>,
     pub bins: Buffer<Bin>,
     pub bin_order: Buffer<u32>,
@@ -82,7 +82,7 @@ impl FastWorkspace {
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
             listed_in_bins: words("listed in bins", capacity.cells)?,
-            list_starts: words("chunk list starts", BIN_CHUNKS as usize * (capacity.cells + 1))?,
+            list_starts: words("chunk list starts", chunks(capacity) as usize * (capacity.cells + 1))?,
             bins: Buffer::new(device, "bins", capacity.cells)?,
             bin_order: words("bin order", capacity.cells)?,
             run_bins: words("run bins", entries / BIN_RUN as usize + capacity.cells)?,
@@ -136,6 +136,11 @@ impl FastWorkspace {
         self.gaussian_from_splat.len() as u32
     }
 
+    /// The number of chunks in which splats are listed.
+    pub fn chunks(&self) -> u32 {
+        chunks(self.capacity)
+    }
+
     /// The number of entries that fit.
     pub fn entry_capacity(&self) -> u32 {
         self.entries.len() as u32
@@ -181,6 +186,18 @@ impl FastWorkspace {
         ]);
         all
     }
+}
+
+/// Visible splats from which on they are listed in more than [`BIN_CHUNKS`] chunks.
+const MORE_CHUNKS_FROM: u64 = 2_500_000;
+
+/// The number of chunks in which splats are listed. All chunks that are listed at the same time write all over their
+/// regions of `unsorted`. If these do not fit into the cache of the GPU, parts of a cache line go to memory one by one:
+/// smaller regions help. But sort reads each chunk list by itself, so there are at most a quarter as many as splats.
+fn chunks(capacity: Capacity) -> u32 {
+    let most = capacity.visible / (4 * capacity.cells.max(1) as u64);
+    let is_large = capacity.visible >= MORE_CHUNKS_FROM;
+    if is_large { most.clamp(BIN_CHUNKS.into(), MAX_BIN_CHUNKS.into()) as u32 } else { BIN_CHUNKS }
 }
 
 /// Frames with at least as many entries merge runs in pairs. One merge of all runs takes fewer dispatches, but its work

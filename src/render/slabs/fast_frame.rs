@@ -17,7 +17,7 @@ use crate::render::lod::LodSelector;
 use crate::render::pages::{DrawList, PageCount, PageProjection, first_page, number_of_pages, views_of};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::Totals;
-use crate::render::shaders::fast::{BIN_CHUNKS, BIN_SEGMENT};
+use crate::render::shaders::fast::{BIN_SEGMENT, MAX_BIN_CHUNKS};
 
 /// The stages and buffers that draw frames of the fast path in slabs.
 pub struct FastSlabs {
@@ -194,8 +194,8 @@ struct StartedSlab {
 /// The capacity of slabs whose buffers take about [`MEMORY_FRACTION`] of `free` bytes.
 fn slab_capacity(free: u64, splat_elements: usize, grid: BinGrid, gaussians: usize) -> Capacity {
     let cells = u64::from(grid.count());
-    // Bytes per bin: its begin in the row of each chunk, its record, a run, a segment of masks.
-    let fixed = cells * (4 * u64::from(BIN_CHUNKS + BIN_SEGMENT) + 64) + (1 << 20);
+    // Bytes per bin: the begin of each chunk list, its record, a run, a segment of masks.
+    let fixed = cells * (4 * u64::from(MAX_BIN_CHUNKS + BIN_SEGMENT) + 64) + (1 << 20);
     // Bytes per splat: ids, keys, ranges, one span, its record, and two and a half entries of 16 bytes.
     let each = 4 + 4 + 8 + 4 + 16 * splat_elements as u64 + 40;
     let bytes = (MEMORY_FRACTION * free as f64) as u64;

@@ -6,7 +6,7 @@ use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage};
 use crate::render::fast::{BLOCK_FORMS, BinGrid, FastFrame, FastPipeline, FastWorkspace, between_stages};
 use crate::render::frame::Target;
 use crate::render::shaders::SharedConstants;
-use crate::render::shaders::fast::{BIN_CHUNKS, BLOCKS, MAX_BINS};
+use crate::render::shaders::fast::{BLOCKS, MAX_BINS};
 use crate::render::shaders::slabs::*;
 use crate::rules::Background;
 
@@ -92,8 +92,9 @@ impl FastStages {
             bins: grid.count(),
             visible_capacity: work.visible_capacity(),
             entry_capacity: work.entry_capacity(),
+            chunks: work.chunks(),
         };
-        let groups = DispatchSize::Groups(BIN_CHUNKS.into());
+        let groups = DispatchSize::Groups(work.chunks().into());
         cmd.dispatch(&self.list, bindings, push, groups);
     }
 
