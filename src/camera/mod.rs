@@ -6,7 +6,8 @@
 //! - `transforms_json` - `transforms.json` of nerfstudio, instant-ngp and the Blender data sets
 //! - `dataparser` - `dataparser_transforms.json` of nerfstudio: from its `transforms.json` to the scene
 //! - `colmap` - sparse models of COLMAP
-//! - `lens` - lens distortion of photographs, which pinhole cameras lack
+//! - `lens` - lenses other than pinholes: where they see a direction, and the way back
+//! - `distortion` - how far the corners of photographs are from their pinhole positions
 //! - `path` - scripted paths: orbit, turn on the spot, keyframes
 //! - `timeline` - a path of timed keys, and the smooth motion through them
 //! - `path_file` - the file of such a path
@@ -18,6 +19,7 @@ mod cameras_json;
 mod colmap;
 pub mod control;
 mod dataparser;
+mod distortion;
 mod file;
 mod lens;
 mod nerfstudio_path;
@@ -33,6 +35,7 @@ use glam::{DMat3, DVec2, DVec3};
 pub use cameras_json::{from_json, to_json, write};
 pub use control::{FIELDS_OF_VIEW, GLIDE_SECONDS, Navigator};
 pub use file::{CameraFile, NamedCamera, Split};
+pub use lens::{FTheta, InPixels, Lens};
 pub use read::{find, read, read_at};
 pub use timeline::{Key, Timeline};
 pub use up::Up;

@@ -10,7 +10,7 @@ use image::ImageReader;
 use serde_json::{Map, Value};
 
 use super::dataparser::{self, Dataparser};
-use super::lens::{Bent, Lens};
+use super::distortion::{Bent, Lens};
 use super::{Camera, CameraFile, MAX_SIDE, NamedCamera, Split, centre};
 
 /// Splits, their names in file names, and the member that lists their frames.

@@ -18,7 +18,7 @@ use anyhow::{Context, Result};
 
 use self::models::Intrinsics;
 use self::photograph::Photograph;
-use crate::camera::lens::Bent;
+use crate::camera::distortion::Bent;
 use crate::camera::{CameraFile, NamedCamera};
 
 /// The two files of a model.

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail, ensure};
 use glam::DVec2;
 
 use crate::camera::MAX_SIDE;
-use crate::camera::lens::Lens;
+use crate::camera::distortion::Lens;
 
 /// The intrinsics of a camera, shared by its photographs.
 pub(super) struct Intrinsics {

@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::models::Intrinsics;
 use crate::camera::Camera;
-use crate::camera::lens::Lens;
+use crate::camera::distortion::Lens;
 
 /// A photograph: its pose, and the id of its camera.
 pub(super) struct Photograph {

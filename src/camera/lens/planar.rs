@@ -1,0 +1,194 @@
+//! The planar map of a lens: radial, tangential and thin prism distortion, as OpenCV and COLMAP define them.
+
+use glam::{DMat2, DVec2};
+
+use super::roots::{bisected, derivative, first_root, product, sum, value_and_slope};
+
+/// The distortion of a point b of the plane. With r2 = |b|^2:
+///
+/// ```text
+/// g = (1 + over[0] r2 + over[1] r2^2 + ...) / (1 + under[0] r2 + ...)
+/// x = g b.x + 2 p1 b.x b.y + p2 (r2 + 2 b.x^2) + s1 r2 + s2 r2^2
+/// y = g b.y + 2 p2 b.x b.y + p1 (r2 + 2 b.y^2) + s3 r2 + s4 r2^2
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Planar {
+    pub over: [f64; 6],
+    pub under: [f64; 3],
+    /// p1, p2
+    pub tangential: [f64; 2],
+    /// s1 to s4
+    pub prism: [f64; 4],
+    /// The tangential and prism terms are those of the point g b, not of b.
+    pub is_in_turn: bool,
+}
+
+impl Planar {
+    /// The numerator and the denominator of g, as polynomials of r2.
+    fn radial(&self) -> ([f64; 7], [f64; 4]) {
+        let (over, under) = (self.over, self.under);
+        let number = |of: &[f64], i: usize| if i == 0 { 1.0 } else { of[i - 1] };
+        (std::array::from_fn(|i| number(&over, i)), std::array::from_fn(|i| number(&under, i)))
+    }
+
+    /// g at a squared radius, and its derivative by that square.
+    fn factor(&self, square: f64) -> [f64; 2] {
+        let (over, under) = self.radial();
+        let ([n, dn], [m, dm]) = (value_and_slope(&over, square), value_and_slope(&under, square));
+        [n / m, (dn * m - n * dm) / (m * m)]
+    }
+
+    /// The radius that the radial part maps a radius to.
+    pub fn radius(&self, radius: f64) -> f64 {
+        radius * self.factor(radius * radius)[0]
+    }
+
+    /// The point that `b` is mapped to, and the Jacobian.
+    pub fn map(&self, b: DVec2) -> (DVec2, DMat2) {
+        let [g, slope] = self.factor(b.length_squared());
+        let (radial, by_b) = (g * b, scaled_identity(g) + 2.0 * slope * outer(b, b));
+        if self.is_in_turn {
+            let (aside, by_radial) = self.aside(radial);
+            return (radial + aside, by_b + by_radial * by_b);
+        }
+        let (aside, more) = self.aside(b);
+        (radial + aside, by_b + more)
+    }
+
+    /// The tangential and prism terms, and their Jacobian.
+    fn aside(&self, b: DVec2) -> (DVec2, DMat2) {
+        let ([p1, p2], [s1, s2, s3, s4], square) = (self.tangential, self.prism, b.length_squared());
+        let w = DVec2::new(p2, p1);
+        // As vectors, the tangential terms are |b|^2 w + 2 (w.b) b.
+        let tangential = square * w + 2.0 * w.dot(b) * b;
+        let by_tangential = 2.0 * (outer(w, b) + outer(b, w) + scaled_identity(w.dot(b)));
+        let (first, second) = (DVec2::new(s1, s3), DVec2::new(s2, s4));
+        let prism = square * (first + square * second);
+        let by_prism = 2.0 * outer(first + 2.0 * square * second, b);
+        (tangential + prism, by_tangential + by_prism)
+    }
+
+    /// The radius of the largest disc, up to `end`, in which the map is certainly one-to-one: there, the symmetric part
+    /// of the Jacobian is positive definite, or that of each of two maps in turn. Without tangential and prism terms
+    /// this is the fold, the first radius at which the mapped radius no longer grows.
+    pub fn fold(&self, end: f64) -> f64 {
+        let (over, under) = self.radial();
+        let [n, m] = [&over[..], &under[..]].map(in_radius);
+        let end = first_root(&m, end).unwrap_or(end);
+        let square = product(&m, &m);
+        // Numerators of (r g)' and of g.
+        let turn = sum(&product(&derivative(&n), &m), -1.0, &product(&n, &derivative(&m)));
+        let across = product(&n, &m);
+        let along = sum(&across, 1.0, &product(&[0.0, 1.0], &turn));
+        let steepest = self.steepest_aside();
+        let first = |polynomial: &[f64], end: f64| first_root(polynomial, end).unwrap_or(end);
+        if !self.has_aside() {
+            return first(&along, end);
+        }
+        if self.is_in_turn {
+            let fold = first(&along, end);
+            let largest = first(&sum(&[1.0], -1.0, &steepest), self.radius(fold));
+            return bisected(0.0, fold, |radius| self.radius(radius) < largest);
+        }
+        let less = product(&square, &steepest);
+        [along, across].iter().fold(end, |end, part| first(&sum(part, -1.0, &less), end))
+    }
+
+    fn has_aside(&self) -> bool {
+        self.tangential != [0.0; 2] || self.prism != [0.0; 4]
+    }
+
+    /// A polynomial of the radius r that bounds how much the tangential and prism terms take from the eigenvalues of
+    /// the symmetric part of the Jacobian: `6 r |w| + 2 r |(s1, s3)| + 4 r^3 |(s2, s4)|`, reached where b points
+    /// against these vectors.
+    fn steepest_aside(&self) -> [f64; 4] {
+        let ([p1, p2], [s1, s2, s3, s4]) = (self.tangential, self.prism);
+        [0.0, 6.0 * p1.hypot(p2) + 2.0 * s1.hypot(s3), 0.0, 4.0 * s2.hypot(s4)]
+    }
+
+    /// The point that is mapped to `wanted`, within the disc of `fold`; `None` if there is none.
+    ///
+    /// The radial part is found by bisection, the rest by Newton's method. In the disc the squared distance to `wanted`
+    /// has no other minimum than the point itself, so that shortened steps end there.
+    pub fn inverse(&self, wanted: DVec2, fold: f64) -> Option<DVec2> {
+        if *self == Self::default() {
+            return (wanted.length() < fold).then_some(wanted);
+        }
+        let unbent = |mapped: DVec2| {
+            let length = mapped.length();
+            let radius = bisected(0.0, fold, |radius| self.radius(radius) < length);
+            mapped * if length > 0.0 { radius / length } else { 0.0 }
+        };
+        let b = match self.is_in_turn {
+            true => {
+                let disc = self.radius(fold);
+                unbent(newton(wanted, wanted.clamp_length_max(0.999 * disc), disc, |b| {
+                    let (aside, by_b) = self.aside(b);
+                    (b + aside, by_b + DMat2::IDENTITY)
+                }))
+            }
+            false => newton(wanted, unbent(wanted), fold, |b| self.map(b)),
+        };
+        let is_found = self.map(b).0.distance(wanted) < LARGEST_RESIDUAL * wanted.length().max(1.0);
+        (is_found && b.length() < fold).then_some(b)
+    }
+}
+
+/// Newton's method for the point in a disc that is mapped to `wanted`, in steps that come closer.
+fn newton(wanted: DVec2, start: DVec2, disc: f64, map: impl Fn(DVec2) -> (DVec2, DMat2)) -> DVec2 {
+    let mut b = start;
+    let (mut mapped, mut jacobian) = map(b);
+    for _ in 0..NEWTON_STEPS {
+        let error = mapped - wanted;
+        let step = jacobian.inverse() * error;
+        let most = 0.1_f64.max(0.1 * b.length()); // COLMAP's largest step
+        let mut fraction = (most / step.length()).min(1.0);
+        (b, mapped, jacobian) = loop {
+            let next = b - fraction * step;
+            let (at, by) = map(next);
+            if next.length() < disc && (at - wanted).length_squared() < error.length_squared() {
+                break (next, at, by);
+            }
+            fraction *= 0.5;
+            // No step comes closer: what is left is rounding, or the point lies beyond the disc.
+            if fraction < SMALLEST_FRACTION {
+                return b;
+            }
+        };
+    }
+    b
+}
+
+const NEWTON_STEPS: usize = 100;
+const SMALLEST_FRACTION: f64 = 1e-6;
+
+/// Largest distance between a point of the plane and the map of its inverse, relative beyond 1.
+const LARGEST_RESIDUAL: f64 = 1e-9;
+
+/// A polynomial of the squared radius as one of the radius.
+fn in_radius(polynomial: &[f64]) -> Vec<f64> {
+    polynomial.iter().flat_map(|coefficient| [*coefficient, 0.0]).collect()
+}
+
+fn scaled_identity(factor: f64) -> DMat2 {
+    DMat2::from_diagonal(DVec2::splat(factor))
+}
+
+/// `a b^T`
+fn outer(a: DVec2, b: DVec2) -> DMat2 {
+    DMat2::from_cols(a * b.x, a * b.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::roots::value;
+    use super::*;
+
+    #[test]
+    fn no_coefficients_are_the_identity() {
+        let (b, planar) = (DVec2::new(0.3, -7.0), Planar::default());
+        assert_eq!(planar.map(b), (b, DMat2::IDENTITY));
+        assert_eq!(planar.fold(5.0), 5.0);
+        assert_eq!(value(&planar.steepest_aside(), 3.0), 0.0);
+    }
+}
