@@ -68,42 +68,38 @@ impl Planar {
         (tangential + prism, by_tangential + by_prism)
     }
 
-    /// The radius of the largest disc, up to `end`, in which the map is certainly one-to-one: there, the symmetric part
-    /// of the Jacobian is positive definite, or that of each of two maps in turn. Without tangential and prism terms
-    /// this is the fold, the first radius at which the mapped radius no longer grows.
+    /// The radius of a disc, up to `end`, in which the map is certainly one-to-one: there, the symmetric part of the
+    /// Jacobian is positive definite, or that of each of two maps in turn. Without tangential and prism terms this is
+    /// the fold, the first radius at which the mapped radius no longer grows.
+    ///
+    /// Along a unit vector at the angle a to b, with c = cos^2 a, the radial part of the form is linear in c, from g at
+    /// c = 0 to (r g)' at c = 1. The tangential terms take `2 r |w| sqrt(1 + 8 c)` from it at most, the prism terms
+    /// `2 r |u| sqrt(c)`, where u is (s1, s3) + 2 r^2 (s2, s4). Both are below their tangents at c = 1, so that the
+    /// ends suffice: at c = 1, `6 r |w| + 2 r |u|`; at c = 0, `10/3 r |w| + r |u|`.
     pub fn fold(&self, end: f64) -> f64 {
         let (over, under) = self.radial();
         let [n, m] = [&over[..], &under[..]].map(in_radius);
-        let end = first_root(&m, end).unwrap_or(end);
-        let square = product(&m, &m);
-        // Numerators of (r g)' and of g.
+        let first = |polynomial: &[f64], end: f64| first_root(polynomial, end).unwrap_or(end);
+        let end = first(&m, end);
+        // Numerators of g and of (r g)'.
         let turn = sum(&product(&derivative(&n), &m), -1.0, &product(&n, &derivative(&m)));
         let across = product(&n, &m);
         let along = sum(&across, 1.0, &product(&[0.0, 1.0], &turn));
-        let steepest = self.steepest_aside();
-        let first = |polynomial: &[f64], end: f64| first_root(polynomial, end).unwrap_or(end);
-        if !self.has_aside() {
+        let ([p1, p2], [s1, s2, s3, s4]) = (self.tangential, self.prism);
+        if [p1, p2, s1, s2, s3, s4] == [0.0; 6] {
             return first(&along, end);
         }
+        let (w, u) = (p1.hypot(p2), [s1.hypot(s3), 2.0 * s2.hypot(s4)]);
+        let taken_along = [0.0, 6.0 * w + 2.0 * u[0], 0.0, 2.0 * u[1]];
         if self.is_in_turn {
             let fold = first(&along, end);
-            let largest = first(&sum(&[1.0], -1.0, &steepest), self.radius(fold));
+            let largest = first(&sum(&[1.0], -1.0, &taken_along), self.radius(fold));
             return bisected(0.0, fold, |radius| self.radius(radius) < largest);
         }
-        let less = product(&square, &steepest);
-        [along, across].iter().fold(end, |end, part| first(&sum(part, -1.0, &less), end))
-    }
-
-    fn has_aside(&self) -> bool {
-        self.tangential != [0.0; 2] || self.prism != [0.0; 4]
-    }
-
-    /// A polynomial of the radius r that bounds how much the tangential and prism terms take from the eigenvalues of
-    /// the symmetric part of the Jacobian: `6 r |w| + 2 r |(s1, s3)| + 4 r^3 |(s2, s4)|`, reached where b points
-    /// against these vectors.
-    fn steepest_aside(&self) -> [f64; 4] {
-        let ([p1, p2], [s1, s2, s3, s4]) = (self.tangential, self.prism);
-        [0.0, 6.0 * p1.hypot(p2) + 2.0 * s1.hypot(s3), 0.0, 4.0 * s2.hypot(s4)]
+        let taken_across = [0.0, 10.0 / 3.0 * w + u[0], 0.0, u[1]];
+        let square = product(&m, &m);
+        let left = |of: &[f64], taken: &[f64]| sum(of, -1.0, &product(&square, taken));
+        first(&left(&across, &taken_across), first(&left(&along, &taken_along), end))
     }
 
     /// The point that is mapped to `wanted`, within the disc of `fold`; `None` if there is none.
@@ -130,19 +126,19 @@ impl Planar {
             false => newton(wanted, unbent(wanted), fold, |b| self.map(b)),
         };
         let is_found = self.map(b).0.distance(wanted) < LARGEST_RESIDUAL * wanted.length().max(1.0);
-        (is_found && b.length() < fold).then_some(b)
+        is_found.then_some(b)
     }
 }
 
-/// Newton's method for the point in a disc that is mapped to `wanted`, in steps that come closer.
+/// Newton's method for the point in a disc that is mapped to `wanted`, from a point in the disc, in steps that stay
+/// there and come closer.
 fn newton(wanted: DVec2, start: DVec2, disc: f64, map: impl Fn(DVec2) -> (DVec2, DMat2)) -> DVec2 {
     let mut b = start;
     let (mut mapped, mut jacobian) = map(b);
     for _ in 0..NEWTON_STEPS {
         let error = mapped - wanted;
         let step = jacobian.inverse() * error;
-        let most = 0.1_f64.max(0.1 * b.length()); // COLMAP's largest step
-        let mut fraction = (most / step.length()).min(1.0);
+        let mut fraction = 1.0;
         (b, mapped, jacobian) = loop {
             let next = b - fraction * step;
             let (at, by) = map(next);
@@ -181,7 +177,6 @@ fn outer(a: DVec2, b: DVec2) -> DMat2 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::roots::value;
     use super::*;
 
     #[test]
@@ -189,6 +184,5 @@ mod tests {
         let (b, planar) = (DVec2::new(0.3, -7.0), Planar::default());
         assert_eq!(planar.map(b), (b, DMat2::IDENTITY));
         assert_eq!(planar.fold(5.0), 5.0);
-        assert_eq!(value(&planar.steepest_aside(), 3.0), 0.0);
     }
 }

@@ -351,6 +351,27 @@ fn f_theta_takes_the_polynomial_that_is_the_reference() {
     }
 }
 
+/// OpenCV's own formulas (calib3d, "Detailed Description").
+#[test]
+fn opencv_has_twelve_coefficients() {
+    let numbers = [0.4, -0.05, 0.01, 0.6, 0.02, 0.001, 0.002, -0.001, 0.003, 0.0004, -0.005, 0.0006];
+    let [k1, k2, k3, k4, k5, k6, p1, p2, s1, s2, s3, s4] = numbers;
+    let (x, y) = (0.5, -0.7);
+    let r2 = x * x + y * y;
+    let (r4, r6) = (r2 * r2, r2 * r2 * r2);
+    let g = (1.0 + k1 * r2 + k2 * r4 + k3 * r6) / (1.0 + k4 * r2 + k5 * r4 + k6 * r6);
+    let radial = DVec2::new(
+        x * g + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+        y * g + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+    );
+    let expected = radial + DVec2::new(s1 * r2 + s2 * r4, s3 * r2 + s4 * r4);
+    let view = DVec3::new(x, y, 1.0) * 7.0;
+    let whole = lens("OPENCV_THIN_PRISM", &numbers);
+    assert!(whole.plane(view).unwrap().distance(expected) < 1e-15);
+    let full = lens("FULL_OPENCV", &[k1, k2, p1, p2, k3, k4, k5, k6]);
+    assert!(full.plane(view).unwrap().distance(radial) < 1e-15);
+}
+
 /// Metashape's own formulas (manual, "Frame cameras"), in pixels.
 #[test]
 fn metashape_exchanges_its_tangential_terms() {
