@@ -95,7 +95,7 @@ impl Camera {
     fn read(py: Python, path: &Bound<PyAny>) -> PyResult<Vec<Self>> {
         let path: PathBuf = given(path, "path", "a path")?;
         let file = py.detach(|| camera::read(&path)).map_err(exception)?;
-        let named = |NamedCamera { name, camera }| Self { camera, near: None, name: Some(name) };
+        let named = |NamedCamera { name, camera, .. }| Self { camera, near: None, name: Some(name) };
         Ok(file.cameras.into_iter().map(named).collect())
     }
 

@@ -1,121 +1,138 @@
-//! Lens distortion: how far the corners of a photograph are from their pinhole positions.
+//! What the pictures of cameras with lenses lack while all cameras are drawn as pinholes: the notices of a file.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
+use anyhow::{Result, ensure};
 use glam::DVec2;
 
-use super::Camera;
+use super::{Camera, Lens, NamedCamera};
 
-/// A lens by the distortion models of OpenCV and COLMAP, as a map of slopes x / z and y / z.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Lens {
-    model: String,
-    bend: Bend,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-enum Bend {
-    /// Slopes are multiplied by `over / under`, polynomials in their squared length whose constant term is 1; two
-    /// tangential terms are added.
-    Perspective { over: [f64; 4], under: [f64; 3], tangential: [f64; 2] },
-    /// The distance from the centre is the angle from the axis times a polynomial in its square whose constant term is
-    /// 1.
-    Fisheye([f64; 4]),
-    /// A distortion that is not computed here.
-    Other,
-}
-
-const STRAIGHT: Bend = Bend::Perspective { over: [0.0; 4], under: [0.0; 3], tangential: [0.0; 2] };
-
-impl Lens {
-    pub fn perspective(model: &str, over: &[f64], under: &[f64], tangential: [f64; 2]) -> Self {
-        let bend = Bend::Perspective { over: padded(over), under: padded(under), tangential };
-        Self { model: model.to_owned(), bend }
-    }
-
-    pub fn fisheye(model: &str, over: &[f64]) -> Self {
-        Self { model: model.to_owned(), bend: Bend::Fisheye(padded(over)) }
-    }
-
-    pub fn other(model: &str) -> Self {
-        Self { model: model.to_owned(), bend: Bend::Other }
-    }
-
-    /// The distorted slope of a pinhole slope. `None` for [`Bend::Other`].
-    fn bent(&self, slope: DVec2) -> Option<DVec2> {
-        let square = slope.length_squared();
-        let sum = |k: &[f64], square: f64| k.iter().rev().fold(0.0, |sum, k| (sum + k) * square) + 1.0;
-        match &self.bend {
-            Bend::Perspective { over, under, tangential: [p1, p2] } => {
-                let DVec2 { x, y } = slope;
-                let aside = DVec2::new(
-                    2.0 * p1 * x * y + p2 * (square + 2.0 * x * x),
-                    2.0 * p2 * x * y + p1 * (square + 2.0 * y * y),
-                );
-                Some(slope * sum(over, square) / sum(under, square) + aside)
-            }
-            Bend::Fisheye(over) => {
-                let angle = square.sqrt().atan();
-                Some(slope.normalize_or_zero() * angle * sum(over, angle * angle))
-            }
-            Bend::Other => None,
-        }
-    }
-}
-
-/// The first `N` values, filled up with zeros.
-fn padded<const N: usize>(values: &[f64]) -> [f64; N] {
-    std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0))
-}
-
-/// Statistics of the cameras of a file that have distortion.
+/// Statistics of the cameras of a file that have lenses.
 #[derive(Default)]
-pub(super) struct Bent {
+pub(super) struct Distortion {
     models: BTreeSet<String>,
     cameras: usize,
-    /// Largest shift of a corner.
+    /// Largest shift of a corner of a pinhole.
     farthest_px: f64,
-    /// Some camera has a distortion that is not computed.
-    has_uncomputed: bool,
+    /// Corners whose rays, as those of a pinhole, no lens sees.
+    unseen_corners: usize,
+    /// Cameras whose lenses end within the picture, their pixels, and those of them that see nothing.
+    cut: usize,
+    pixels: f64,
+    blind_pixels: f64,
+    /// Some of these lenses ends where it folds, not where its base does.
+    folds: bool,
+    /// Smallest and largest field of these lenses in radians.
+    fields: Option<[f64; 2]>,
+    last: Option<(Camera, Arc<Lens>, Picture)>,
 }
 
-impl Bent {
-    pub fn add(&mut self, lens: &Lens, camera: &Camera) {
-        if lens.bend == STRAIGHT {
-            return;
-        }
+/// How the picture of a lens differs from that of a pinhole.
+#[derive(Clone, Copy)]
+struct Picture {
+    farthest_px: f64,
+    unseen_corners: usize,
+    /// Fraction of the pixels that see nothing.
+    blind: f64,
+}
+
+/// Pixels along each side of a picture at which the part that sees nothing is sampled.
+const SAMPLES: u32 = 64;
+
+impl Distortion {
+    /// Takes a camera into the statistics.
+    ///
+    /// # Errors
+    /// If it cannot be drawn as a pinhole.
+    pub fn add(&mut self, NamedCamera { camera, lens, .. }: &NamedCamera) -> Result<()> {
+        let Some(lens) = lens else { return Ok(()) };
+        let is_central = !lens.is_sphere() && !lens.is_parallel();
+        ensure!(is_central, "its camera model {} is not supported: no pinhole sees as much", lens.model());
         self.cameras += 1;
-        if !self.models.contains(&lens.model) {
-            self.models.insert(lens.model.clone());
+        if !self.models.contains(lens.model()) {
+            self.models.insert(lens.model().to_owned());
         }
-        let off_px = corners_off_px(lens, camera);
-        self.farthest_px = self.farthest_px.max(off_px.unwrap_or(0.0));
-        self.has_uncomputed |= off_px.is_none();
+        let picture = self.picture(camera, lens);
+        self.farthest_px = self.farthest_px.max(picture.farthest_px);
+        self.unseen_corners += picture.unseen_corners;
+        if picture.blind > 0.0 {
+            let [width, height] = camera.size_px.map(f64::from);
+            self.cut += 1;
+            self.pixels += width * height;
+            self.blind_pixels += width * height * picture.blind;
+            self.folds |= lens.folds();
+            let [low, high] = self.fields.unwrap_or([lens.field(); 2]);
+            self.fields = Some([low.min(lens.field()), high.max(lens.field())]);
+        }
+        Ok(())
     }
 
-    /// The notice for a file with `of` cameras; `None` if all are pinholes.
-    pub fn notice(&self, of: usize) -> Option<String> {
-        let Self { cameras, farthest_px, .. } = self;
-        if *cameras == 0 {
-            return None;
+    /// The picture of a camera. The cameras of a file mostly share one.
+    fn picture(&mut self, camera: &Camera, lens: &Arc<Lens>) -> Picture {
+        let intrinsics = |camera: &Camera| (camera.focal_px, camera.centre_px, camera.size_px);
+        if let Some((last, of, picture)) = &self.last
+            && intrinsics(last) == intrinsics(camera)
+            && of == lens
+        {
+            return *picture;
         }
-        let models = self.models.iter().map(String::as_str).collect::<Vec<_>>().join(", ");
-        let off = match self.has_uncomputed {
-            false => format!(", with corners up to {farthest_px:.1} px off"),
-            true if *farthest_px > 0.0 => format!(", with corners {farthest_px:.1} px off and more"),
-            true => String::new(),
-        };
-        Some(format!("{cameras} of {of} cameras have lenses that distort ({models}), and are drawn as pinholes{off}"))
+        let picture = Picture::of(camera, lens);
+        self.last = Some((camera.clone(), Arc::clone(lens), picture));
+        picture
+    }
+
+    /// The notices for a file with `of` cameras; none if all are pinholes.
+    pub fn notices(&self, of: usize) -> Vec<String> {
+        let Self { cameras, farthest_px, unseen_corners, cut, .. } = self;
+        let mut notices = Vec::new();
+        if *cameras > 0 {
+            let models = self.models.iter().map(String::as_str).collect::<Vec<_>>().join(", ");
+            let is_off = *farthest_px > 0.0 || *unseen_corners == 0;
+            let off = is_off.then(|| format!("corners up to {farthest_px:.1} px off"));
+            let unseen = match unseen_corners {
+                0 => None,
+                1 => Some("1 corner that the lens does not see".to_owned()),
+                count => Some(format!("{count} corners that the lenses do not see")),
+            };
+            let corners = off.into_iter().chain(unseen).collect::<Vec<_>>().join(" and ");
+            notices.push(format!(
+                "{cameras} of {of} cameras have lenses that distort ({models}), and are drawn as pinholes, with {corners}"
+            ));
+        }
+        if let Some([low, high]) = self.fields.map(|fields| fields.map(|field| format!("{:.1}", field.to_degrees()))) {
+            let verb = if self.folds { "folds" } else { "ends" };
+            let cameras = if *cut == 1 { "1 camera".to_owned() } else { format!("{cut} cameras") };
+            let angle = if low == high { low } else { format!("{low} to {high}") };
+            let percent = 100.0 * self.blind_pixels / self.pixels;
+            notices.push(format!(
+                "the lens of {cameras} {verb} at {angle} degrees: {percent:.1} % of their pixels see nothing"
+            ));
+        }
+        notices
     }
 }
 
-fn corners_off_px(lens: &Lens, camera: &Camera) -> Option<f64> {
-    let [width, height] = camera.size_px.map(f64::from);
-    let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
-    let mut farthest = 0.0_f64;
-    for corner in corners {
-        let slope = (DVec2::from(corner) - camera.centre_px) / camera.focal_px;
-        farthest = farthest.max(((lens.bent(slope)? - slope) * camera.focal_px).length());
+impl Picture {
+    fn of(camera: &Camera, lens: &Lens) -> Self {
+        let size = DVec2::from(camera.size_px.map(f64::from));
+        let plane = |part: DVec2| (part * size - camera.centre_px) / camera.focal_px;
+        let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE].map(plane);
+        let shift_px = |corner: DVec2| Some(((lens.plane(corner.extend(1.0))? - corner) * camera.focal_px).length());
+        let shifts = corners.map(shift_px);
+        // The domain is a disc, but for little: if all corners see something, every pixel does.
+        let sees = |plane: DVec2| lens.direction(plane).is_some();
+        let blind = if corners.into_iter().all(sees) {
+            0.0
+        } else {
+            let places = (0..SAMPLES * SAMPLES).map(|i| DVec2::new(f64::from(i % SAMPLES), f64::from(i / SAMPLES)));
+            let blind = places.filter(|place| !sees(plane((place + 0.5) / f64::from(SAMPLES)))).count();
+            blind as f64 / f64::from(SAMPLES * SAMPLES)
+        };
+        Self {
+            farthest_px: shifts.iter().flatten().copied().fold(0.0, f64::max),
+            unseen_corners: shifts.iter().filter(|shift| shift.is_none()).count(),
+            blind,
+        }
     }
-    Some(farthest)
 }

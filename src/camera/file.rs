@@ -1,9 +1,11 @@
 //! The content of a camera file: named cameras, splits, notices; and the check that a camera can be drawn with.
 
+use std::sync::Arc;
+
 use anyhow::{Result, ensure};
 use glam::DMat3;
 
-use super::{Camera, MAX_POSITION, MAX_SIDE};
+use super::{Camera, Lens, MAX_POSITION, MAX_SIDE};
 
 /// A camera with the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,6 +14,15 @@ pub struct NamedCamera {
     pub name: String,
     /// Its pose and intrinsics.
     pub camera: Camera,
+    /// Its lens; none for a pinhole.
+    pub lens: Option<Arc<Lens>>,
+}
+
+impl NamedCamera {
+    /// A camera without a lens.
+    pub fn pinhole(name: String, camera: Camera) -> Self {
+        Self { name, camera, lens: None }
+    }
 }
 
 /// The use of a photograph in training.

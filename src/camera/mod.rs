@@ -7,7 +7,7 @@
 //! - `dataparser` - `dataparser_transforms.json` of nerfstudio: from its `transforms.json` to the scene
 //! - `colmap` - sparse models of COLMAP
 //! - `lens` - lenses other than pinholes: where they see a direction, and the way back
-//! - `distortion` - how far the corners of photographs are from their pinhole positions
+//! - `distortion` - notices of lenses that are drawn as pinholes
 //! - `path` - scripted paths: orbit, turn on the spot, keyframes
 //! - `timeline` - a path of timed keys, and the smooth motion through them
 //! - `path_file` - the file of such a path

@@ -2,16 +2,18 @@
 //! OpenGL, with intrinsics for all frames or for each.
 
 use std::collections::HashMap;
+use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use glam::{DMat3, DVec2, DVec3};
 use image::ImageReader;
 use serde_json::{Map, Value};
 
 use super::dataparser::{self, Dataparser};
-use super::distortion::{Bent, Lens};
-use super::{Camera, CameraFile, MAX_SIDE, NamedCamera, Split, centre};
+use super::distortion::Distortion;
+use super::{Camera, CameraFile, Lens, MAX_SIDE, NamedCamera, Split, centre};
 
 /// Splits, their names in file names, and the member that lists their frames.
 const SPLITS: [(Split, &str, &str); 3] = [
@@ -27,18 +29,25 @@ pub(super) fn parse(file: &Map<String, Value>, path: &Path, default_px: Option<[
     let frames = frames.context("is neither a cameras.json nor a transforms.json: it has no array `frames`")?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let placed = Dataparser::beside(folder, file)?;
-    let mut bent = Bent::default();
-    let mut cameras = Vec::new();
+    let mut distortion = Distortion::default();
+    let mut cameras: Vec<NamedCamera> = Vec::new();
+    let mut is_k4_of_r8 = false;
     for (i, frame) in frames.iter().enumerate() {
         let own = frame.as_object().with_context(|| format!("frame {i} is not an object"))?;
         let frame = Frame { own, file, default_px };
-        let (named, lens) = frame.camera(i, folder, placed.as_ref()).with_context(|| format!("frame {i}"))?;
-        bent.add(&lens, &named.camera);
+        let mut named = frame.camera(i, folder, placed.as_ref()).with_context(|| format!("frame {i}"))?;
+        // Most frames have the lens of the frame before.
+        if let Some(last) = cameras.last().filter(|last| last.lens == named.lens) {
+            named.lens = last.lens.clone();
+        }
+        distortion.add(&named).with_context(|| format!("frame {i}"))?;
+        is_k4_of_r8 |= frame.is_k4_of_r8()?;
         cameras.push(named);
     }
     let splits = splits(file, path, &cameras)?;
     let moved = placed.map(|_| format!("the transform in {} is applied to the cameras", dataparser::FILE));
-    let notices = bent.notice(cameras.len()).into_iter().chain(moved).collect();
+    let meaning = is_k4_of_r8.then(|| "k4 is the coefficient of r^8, as in nerfstudio, no denominator".to_owned());
+    let notices = distortion.notices(cameras.len()).into_iter().chain(meaning).chain(moved).collect();
     Ok(CameraFile { splits, notices, cameras })
 }
 
@@ -77,16 +86,21 @@ struct Frame<'f> {
 }
 
 impl Frame<'_> {
-    fn camera(&self, index: usize, folder: &Path, placed: Option<&Dataparser>) -> Result<(NamedCamera, Lens)> {
+    fn camera(&self, index: usize, folder: &Path, placed: Option<&Dataparser>) -> Result<NamedCamera> {
         let name = self.own.get("file_path").and_then(Value::as_str);
         let size_px = self.size_px(name.map(|name| folder.join(name)).as_deref())?;
         let (position, rotation) = self.pose()?;
         let (position, rotation) = placed.map_or((position, rotation), |placed| placed.moved(position, rotation));
-        let middle = centre(size_px);
-        let centre_px = DVec2::new(self.number("cx")?.unwrap_or(middle.x), self.number("cy")?.unwrap_or(middle.y));
-        let camera = Camera { position, rotation, focal_px: self.focal_px(size_px)?, centre_px, size_px }.checked()?;
+        let (lens, middle) = (self.lens()?, centre(size_px));
+        let (focal_px, centre_px) = if lens.as_ref().is_some_and(Lens::is_sphere) {
+            (DVec2::from(size_px.map(f64::from)) / DVec2::new(2.0 * PI, PI), middle)
+        } else {
+            let [x, y] = [self.number("cx")?, self.number("cy")?];
+            (self.focal_px(size_px)?, DVec2::new(x.unwrap_or(middle.x), y.unwrap_or(middle.y)))
+        };
+        let camera = Camera { position, rotation, focal_px, centre_px, size_px }.checked()?;
         let name = name.map_or_else(|| index.to_string(), |name| plain(name).to_owned());
-        Ok((NamedCamera { name, camera }, self.lens()?))
+        Ok(NamedCamera { name, camera, lens: lens.map(Arc::new) })
     }
 
     /// A number of the frame, or else of the file. Null counts as missing.
@@ -153,22 +167,79 @@ impl Frame<'_> {
         Ok(DVec2::new(x, y.unwrap_or(x)))
     }
 
-    fn lens(&self) -> Result<Lens> {
-        let text = |name: &str| [self.own, self.file].into_iter().find_map(|of| of.get(name).filter(|v| !v.is_null()));
-        let model = text("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
-        let is_fisheye = text("is_fisheye").and_then(Value::as_bool).unwrap_or(false);
-        let k = |name: &str| Ok::<_, anyhow::Error>(self.number(name)?.unwrap_or(0.0));
-        let radial = [k("k1")?, k("k2")?, k("k3")?, k("k4")?];
-        match model {
-            "OPENCV_FISHEYE" => Ok(Lens::fisheye(model, &radial)),
-            _ if is_fisheye => Ok(Lens::fisheye("fisheye", &radial)),
-            "SIMPLE_PINHOLE" | "PINHOLE" | "PERSPECTIVE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" => {
-                Ok(Lens::perspective(model, &radial, &[], [k("p1")?, k("p2")?]))
+    /// The lens; none for a pinhole. The members are those of OpenCV; frames of nerfstudio and instant-ngp have some.
+    fn lens(&self) -> Result<Option<Lens>> {
+        let kind = self.kind();
+        let model = match kind {
+            Kind::Named(model) => model,
+            Kind::Fisheye(_) if self.has_any(&["p1", "p2"])? => "THIN_PRISM_FISHEYE",
+            Kind::Fisheye(_) => "OPENCV_FISHEYE",
+            Kind::Perspective(_) if self.has_any(&OPENCV_ONLY)? => "OPENCV_THIN_PRISM",
+            Kind::Perspective(_) => "PERSPECTIVE",
+        };
+        let supported = Lens::parameter_names(model).filter(|_| SUPPORTED.contains(&model));
+        let names = supported.with_context(|| {
+            format!("its camera model {} is not supported, only pinholes and those of OpenCV", model.escape_debug())
+        })?;
+        let numbers: Result<Vec<f64>> = names.iter().map(|name| Ok(self.number(name)?.unwrap_or(0.0))).collect();
+        let (Kind::Named(name) | Kind::Fisheye(name) | Kind::Perspective(name)) = kind;
+        Ok(Lens::named(model, &numbers?)?.map(|lens| lens.renamed(name)))
+    }
+
+    fn kind(&self) -> Kind<'_> {
+        let member = |name| [self.own, self.file].into_iter().find_map(|of| of.get(name).filter(|v| !v.is_null()));
+        let is_set = |name| member(name).and_then(Value::as_bool).unwrap_or(false);
+        match member("camera_model").and_then(Value::as_str).unwrap_or("OPENCV") {
+            _ if is_set("equirectangular") => Kind::Named("EQUIRECTANGULAR"),
+            _ if is_set("latlong") => Kind::Named("latlong"),
+            _ if is_set("orthographic") => Kind::Named("orthographic"),
+            "OPENCV_FISHEYE" => Kind::Fisheye("OPENCV_FISHEYE"),
+            _ if is_set("is_fisheye") => Kind::Fisheye("fisheye"),
+            model @ ("SIMPLE_PINHOLE" | "PINHOLE" | "PERSPECTIVE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV") => {
+                Kind::Perspective(model)
             }
-            _ => bail!("its camera model {} is not supported, only pinholes and those of OpenCV", model.escape_debug()),
+            model => Kind::Named(model),
         }
     }
+
+    /// True if some of the members is there and not 0.
+    fn has_any(&self, names: &[&str]) -> Result<bool> {
+        let values: Result<Vec<_>> = names.iter().map(|name| self.number(name)).collect();
+        Ok(values?.iter().flatten().any(|value| *value != 0.0))
+    }
+
+    /// True if k4 is read as the coefficient of r^8, where OpenCV's k4 would be one of the denominator.
+    fn is_k4_of_r8(&self) -> Result<bool> {
+        let is_perspective = matches!(self.kind(), Kind::Perspective(_));
+        Ok(is_perspective && self.has_any(&["k4"])? && !self.has_any(&OPENCV_ONLY)?)
+    }
 }
+
+/// What the members of a frame are about. The text is the name of the model.
+#[derive(Clone, Copy)]
+enum Kind<'f> {
+    Perspective(&'f str),
+    Fisheye(&'f str),
+    /// The model has the name itself.
+    Named(&'f str),
+}
+
+/// Members of OpenCV's perspective cameras that nerfstudio lacks. With one of them, k4 to k6 are of the denominator.
+const OPENCV_ONLY: [&str; 6] = ["k5", "k6", "s1", "s2", "s3", "s4"];
+
+/// Models whose parameters are members of frames.
+const SUPPORTED: [&str; 10] = [
+    "PERSPECTIVE",
+    "OPENCV_THIN_PRISM",
+    "FULL_OPENCV",
+    "OPENCV_FISHEYE",
+    "THIN_PRISM_FISHEYE",
+    "SIMPLE_FISHEYE",
+    "FISHEYE",
+    "SIMPLE_RADIAL_FISHEYE",
+    "RADIAL_FISHEYE",
+    "EQUIRECTANGULAR",
+];
 
 fn number(of: &Map<String, Value>, name: &str) -> Result<Option<f64>> {
     let value = of.get(name).filter(|value| !value.is_null());

@@ -248,7 +248,7 @@ pub(super) fn along_path(
         let which = format!("{seconds} s of {} at {fps} frames per second", file.display());
         return Err(Usage(format!("--path: {which} are {count} frames, over {MAX_FRAMES}")).into());
     }
-    let named = |(i, camera)| NamedCamera { name: format!("frame {i}"), camera };
+    let named = |(i, camera)| NamedCamera::pinhole(format!("frame {i}"), camera);
     Ok((frames.enumerate().map(named).collect(), fps))
 }
 
@@ -266,7 +266,7 @@ pub(super) fn town_cameras(
     let name = path.name();
     let views = views.ok_or_else(|| Usage(format!("--path {name} is a path of the town, and the scene is another")))?;
     let cameras = camera::path::looking(&views, size_px).into_iter().enumerate();
-    Ok(cameras.map(|(i, camera)| NamedCamera { name: format!("{name} {i}"), camera }).collect())
+    Ok(cameras.map(|(i, camera)| NamedCamera::pinhole(format!("{name} {i}"), camera)).collect())
 }
 
 /// The largest distance of the near plane in the town, metres.

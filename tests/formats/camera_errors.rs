@@ -28,6 +28,11 @@ fn errors_of_transforms_json_name_the_fault() {
         ("\"fl_x\": 100", "\"camera_angle_x\": 4", "are not over 0"),
         ("\"fl_x\": 100,", "", "it has no focal length: neither fl_x nor camera_angle_x"),
         ("\"w\"", "\"camera_model\": \"EQUIRECTANGULAR\", \"w\"", "its camera model EQUIRECTANGULAR is not supported"),
+        ("\"w\"", "\"equirectangular\": true, \"w\"", "frame 0: its camera model EQUIRECTANGULAR is not supported"),
+        ("\"w\"", "\"camera_model\": \"ORTHOPHOTO\", \"w\"", "its camera model ORTHOPHOTO is not supported, only"),
+        ("\"w\"", "\"orthographic\": true, \"w\"", "its camera model orthographic is not supported"),
+        ("\"w\"", "\"k1\": -1e6, \"w\"", "frame 0: its coefficients k1 -1000000.0 fold at the centre of the picture"),
+        ("\"w\"", "\"k1\": 1e300, \"w\"", "frame 0: its parameter k1 1e300 is not within 1e9"),
         ("\"w\"", "\"train_filenames\": 7, \"w\"", "train_filenames is not an array of names"),
         (FRAME, "7", "frame 0 is not an object"),
         (FRAME, "", "holds no camera"),
@@ -51,7 +56,7 @@ fn errors_of_colmap_files_name_the_fault() {
         (
             "cameras",
             changed(&cameras, 0, &huge),
-            "cameras.bin: the file claims 18446744073709551615 cameras, its 840 bytes left hold 17 at most",
+            "cameras.bin: the file claims 18446744073709551615 cameras, its 840 bytes left hold 21 at most",
         ),
         ("cameras", changed(&cameras, 0, &[11]), "cameras.bin: 48 bytes follow the last one that the file counts"),
         (
@@ -59,11 +64,7 @@ fn errors_of_colmap_files_name_the_fault() {
             changed(&cameras, 0, &[13]),
             "cameras.bin: the file ends at byte 848, inside a camera at bytes 848 to 852",
         ),
-        (
-            "cameras",
-            changed(&cameras, 12, &[17]),
-            "its camera model 17 is not one of COLMAP's with a focal length, 0 to 16",
-        ),
+        ("cameras", changed(&cameras, 12, &[18]), "its camera model 18 is not one of COLMAP's, 0 to 17"),
         ("cameras", changed(&cameras, 16, &[0; 8]), "its size 0x240 is not from 1 to 65536 pixels"),
         ("cameras", changed(&cameras, 32, &f64::NAN.to_le_bytes()), "its parameters are not all numbers"),
         ("cameras", changed(&cameras, 8, &[200]), "there is no camera "),
@@ -95,6 +96,12 @@ fn errors_of_colmap_files_name_the_fault() {
     for (name, text, expected) in [
         ("cameras", cameras.replace("FOV", "VOF"), "cameras.txt: line 4: its camera model VOF is not one of COLMAP's"),
         ("cameras", cameras.replace("0.90000000000000002", ""), "line 4: FOV has 5 parameters, it has 4"),
+        ("cameras", cameras.replace("0.90000000000000002", "4"), "line 4: its omega 4.0 is not over 0 and under pi"),
+        (
+            "cameras",
+            cameras.replace("FOV 320 240 300 301 159 122 0.90000000000000002", "EQUIRECTANGULAR 320 160 320 160"),
+            "right/007.jpg: its camera model EQUIRECTANGULAR is not supported: no pinhole sees as much",
+        ),
         ("cameras", cameras.replace("23 FOV 320", "23 FOV wide"), "line 4: 'wide' is not a width"),
         ("cameras", cameras.replace("30 SIMPLE_FISHEYE", "23 SIMPLE_FISHEYE"), "line 5: camera 23 is there twice"),
         ("images", images.replace("left/012.jpg", ""), "images.txt: line 5: it has no name"),

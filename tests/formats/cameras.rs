@@ -50,7 +50,7 @@ pub(super) fn expected() -> Vec<Expected> {
             centre_px: DVec2::new(number(15), number(16)),
             size_px: [number(17) as u32, number(18) as u32],
         };
-        let named = NamedCamera { name: cells[0].to_owned(), camera };
+        let named = NamedCamera::pinhole(cells[0].to_owned(), camera);
         Expected { named, model: cells[19].to_owned(), corner_px: number(20) }
     };
     text.lines().skip(1).map(row).collect()
@@ -61,7 +61,7 @@ fn assert_same(read: &[NamedCamera], expected: &[Expected]) {
     let names = |of: &[NamedCamera]| of.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
     let wanted: Vec<_> = expected.iter().map(|e| e.named.clone()).collect();
     assert_eq!(names(read), names(&wanted));
-    for (NamedCamera { name, camera }, expected) in read.iter().zip(&wanted) {
+    for (NamedCamera { name, camera, .. }, expected) in read.iter().zip(&wanted) {
         let expected = &expected.camera;
         assert!(camera.position.distance(expected.position) < 1e-12, "{name}: {camera:?}");
         assert!(camera.rotation.abs_diff_eq(expected.rotation, 1e-12), "{name}: {camera:?}");
@@ -105,20 +105,23 @@ fn lens_distortion_is_reported_with_colmaps_distance() {
         let notices = read(folder.path()).notices;
         let told = format!("1 of 1 cameras have lenses that distort ({model}), and are drawn as pinholes");
         match model.as_str() {
-            "FOV" => assert_eq!(notices, [told]),
             _ if corner_px > 0.0 => assert_eq!(notices, [format!("{told}, with corners up to {corner_px:.1} px off")]),
             _ => assert_eq!(notices, Vec::<String>::new(), "{model}"),
         }
         said += notices.len();
     }
     assert_eq!(said, 8);
-    let all = read(fixture("text")).notices.concat();
-    assert!(all.starts_with("8 of 12 cameras") && all.ends_with("with corners 25.8 px off and more"), "{all}");
+    let all = read(fixture("text"));
+    let told = all.notices.concat();
+    assert!(told.starts_with("8 of 12 cameras") && told.ends_with("with corners up to 25.8 px off"), "{told}");
+    let models: Vec<_> = all.cameras.iter().map(|named| Some(named.lens.as_ref()?.model())).collect();
+    let bent = expected().into_iter().map(|e| (e.corner_px > 0.0).then_some(e.model));
+    assert_eq!(models, bent.collect::<Vec<_>>().iter().map(Option::as_deref).collect::<Vec<_>>());
 }
 
 /// A `transforms.json` of these cameras: OpenGL's axes, up and back.
 pub(super) fn transforms(cameras: &[&NamedCamera], rest: &str) -> String {
-    let frame = |NamedCamera { name, camera }: &NamedCamera| {
+    let frame = |NamedCamera { name, camera, .. }: &NamedCamera| {
         let (right, up, back, p) = (camera.right(), -camera.down(), -camera.forward(), camera.position);
         let row = |i: usize| format!("[{}, {}, {}, {}]", right[i], up[i], back[i], p[i]);
         let Camera { focal_px, centre_px, size_px: [w, h], .. } = camera;
@@ -172,7 +175,7 @@ fn blender_transforms_have_angles_and_photographs() {
     assert!(refused(&file).contains("r_0.png has none: "));
     image::RgbImage::new(40, 30).save(&photograph).unwrap();
     let read = read(&file);
-    let NamedCamera { name, camera } = &read.cameras[0];
+    let NamedCamera { name, camera, .. } = &read.cameras[0];
     assert_eq!((name.as_str(), camera.size_px), ("train/r_0", [40, 30]));
     assert!(camera.focal_px.distance(DVec2::splat(20.0)) < 1e-12, "90 degrees across 40 pixels");
     assert_eq!(camera.centre_px, DVec2::new(20.0, 15.0));
@@ -367,7 +370,7 @@ fn render_draws_the_frames_of_a_path() {
     assert!(command.contains("ffmpeg -framerate 4 -i "), "{command}");
     for (frame, camera) in timeline.frames(4.0).enumerate() {
         let (cameras, out) = (path(&folder, "one.json"), path(&folder, "one.png"));
-        camera::write(Path::new(&cameras), &[NamedCamera { name: String::new(), camera }]).unwrap();
+        camera::write(Path::new(&cameras), &[NamedCamera::pinhole(String::new(), camera)]).unwrap();
         ok(&["render", "cactus:300", "--cameras", &cameras, "-o", &out]);
         assert_eq!(fs::read(out).unwrap(), fs::read(format!("{film}/{frame:05}.png")).unwrap(), "frame {frame}");
     }

@@ -26,14 +26,14 @@ fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
     let pose = |(i, name): (usize, &str)| {
         let turn = glam::DQuat::from_axis_angle(DVec3::Y, 0.3 * (i as f64 + 1.0));
         let position = pivot + turn * (home.position - pivot) * 0.7;
-        NamedCamera { name: format!("{name}.jpg"), camera: Camera::looking_at(position, pivot, [96, 64], 1.0) }
+        NamedCamera::pinhole(format!("{name}.jpg"), Camera::looking_at(position, pivot, [96, 64], 1.0))
     };
     let cameras: Vec<NamedCamera> = ["a", "b", "c", "d"].into_iter().enumerate().map(pose).collect();
     camera::write(&folder.join("cameras.json"), &cameras).unwrap();
     let options = viewer.options;
     let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
     std::fs::create_dir(folder.join("images")).unwrap();
-    for NamedCamera { name, camera } in &cameras[..3] {
+    for NamedCamera { name, camera, .. } in &cameras[..3] {
         let mut photograph = gpu.render(&gaussians, camera, &options);
         if name == "b.jpg" {
             photograph.rgba.iter_mut().flatten().for_each(|value| *value *= 0.8);

@@ -18,8 +18,8 @@ use anyhow::{Context, Result};
 
 use self::models::Intrinsics;
 use self::photograph::Photograph;
-use crate::camera::distortion::Bent;
-use crate::camera::{CameraFile, NamedCamera};
+use crate::camera::CameraFile;
+use crate::camera::distortion::Distortion;
 
 /// The two files of a model.
 struct Files {
@@ -106,14 +106,14 @@ fn largest(models: &[(u64, Files)]) -> Result<CameraFile> {
 }
 
 fn assembled(cameras: &HashMap<u32, Intrinsics>, photographs: Vec<Photograph>) -> Result<CameraFile> {
-    let mut bent = Bent::default();
+    let mut distortion = Distortion::default();
     let mut named = Vec::with_capacity(photographs.len());
     for photograph in photographs {
-        let (camera, lens) =
-            photograph.seen_with(cameras).with_context(|| photograph.name.escape_debug().to_string())?;
-        bent.add(lens, &camera);
-        named.push(NamedCamera { name: photograph.name, camera });
+        let said = |name: &str| name.escape_debug().to_string();
+        let camera = photograph.seen_with(cameras).with_context(|| said(&photograph.name))?;
+        distortion.add(&camera).with_context(|| said(&photograph.name))?;
+        named.push(camera);
     }
-    let notices = bent.notice(named.len()).into_iter().collect();
+    let notices = distortion.notices(named.len());
     Ok(CameraFile { cameras: named, splits: None, notices })
 }

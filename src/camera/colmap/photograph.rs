@@ -6,8 +6,7 @@ use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DQuat, DVec3};
 
 use super::models::Intrinsics;
-use crate::camera::Camera;
-use crate::camera::distortion::Lens;
+use crate::camera::{Camera, NamedCamera};
 
 /// A photograph: its pose, and the id of its camera.
 pub(super) struct Photograph {
@@ -20,8 +19,8 @@ pub(super) struct Photograph {
 }
 
 impl Photograph {
-    /// The checked camera of the photograph, and its lens.
-    pub fn seen_with<'c>(&self, cameras: &'c HashMap<u32, Intrinsics>) -> Result<(Camera, &'c Lens)> {
+    /// The checked camera of the photograph, with its lens.
+    pub fn seen_with(&self, cameras: &HashMap<u32, Intrinsics>) -> Result<NamedCamera> {
         let Intrinsics { focal_px, centre_px, size_px, lens } =
             cameras.get(&self.camera).with_context(|| format!("there is no camera {}", self.camera))?;
         let [w, x, y, z] = self.rotation;
@@ -30,6 +29,6 @@ impl Photograph {
         let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
         let position = -(rotation.transpose() * DVec3::from(self.translation));
         let camera = Camera { position, rotation, focal_px: *focal_px, centre_px: *centre_px, size_px: *size_px };
-        Ok((camera.checked()?, lens))
+        Ok(NamedCamera { name: self.name.clone(), camera: camera.checked()?, lens: lens.clone() })
     }
 }

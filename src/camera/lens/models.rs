@@ -95,6 +95,11 @@ impl Lens {
         }
         Ok(Some(lens))
     }
+
+    /// The same lens under the name that a file gives it.
+    pub(in crate::camera) fn renamed(self, model: &str) -> Self {
+        Self { model: model.to_owned(), ..self }
+    }
 }
 
 /// The base, the map of the plane and the skew of a model with as many numbers as it has names.

@@ -61,7 +61,7 @@ impl Evaluation {
         let (_, first, _) = poses.first().context("no camera has a photograph")?;
         let mut drawn = plan.clone().build(device, reusable, &first.camera, background, None)?;
         let mut rows = Vec::with_capacity(poses.len());
-        for (done, (index, NamedCamera { name, camera }, file)) in poses.iter().enumerate() {
+        for (done, (index, NamedCamera { name, camera, .. }, file)) in poses.iter().enumerate() {
             progress(done as f64 / poses.len() as f64)?;
             let photograph = Pixels::read(file).with_context(|| file.display().to_string())?;
             let photograph = over(&photograph, background);
