@@ -9,8 +9,8 @@ use super::roots::{bisected, derivative, first_root, value, value_and_slope};
 /// Radii beyond this one, in focal lengths, belong to no picture: of a slope, 1e-6 radians before 90 degrees.
 const LARGEST_RADIUS: f64 = 1e6;
 
-/// Below this squared slope, the series of the arc tangent is used. Nine of its terms are then exact to the last bit,
-/// and the difference of two close numbers above it loses two digits.
+/// Below this squared slope, the series of the arc tangent is used. Ten of its terms are then exact to the last bit,
+/// and above it the difference of two close numbers loses two digits.
 const SERIES_BELOW: f64 = 1e-2;
 
 /// The kind of a base. R is the radius in the plane, theta the angle from the axis.

@@ -2,10 +2,10 @@
 
 use std::f64::consts::PI;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 
 use super::Lens;
-use super::roots::value;
+use super::roots::{value, value_and_slope};
 
 /// The parameters of gsplat's `FThetaCameraDistortionParameters`. instant-ngp's `ftheta_p0` to `ftheta_p4` are
 /// `px_to_angle`, with `max_angle` pi / 2 and `linear` 1, 0, 0.
@@ -34,7 +34,7 @@ pub struct InPixels {
     pub disagreement_px: f64,
 }
 
-/// Angles at which the two polynomials are compared.
+/// Radii at which the two polynomials are compared.
 const SAMPLES: u32 = 256;
 
 impl Lens {
@@ -45,7 +45,8 @@ impl Lens {
     pub fn f_theta(given: &FTheta) -> Result<InPixels> {
         let FTheta { angle_to_px, px_to_angle, is_px_to_angle, max_angle, linear: [c, d, e] } = given;
         let (polynomial, other) = if *is_px_to_angle { (px_to_angle, angle_to_px) } else { (angle_to_px, px_to_angle) };
-        ensure!(polynomial.iter().all(|number| number.is_finite()), "its parameters are not all numbers");
+        let are_numbers = polynomial.iter().chain(other).all(|number| number.is_finite()) && !max_angle.is_nan();
+        ensure!(are_numbers, "its parameters are not all numbers");
         ensure!(polynomial[0] == 0.0, "its polynomial {polynomial:?} is not 0 on the axis");
         ensure!(polynomial[1] > 0.0, "its polynomial {polynomial:?} does not grow on the axis");
         let focal_px = if *is_px_to_angle { 1.0 / polynomial[1] } else { polynomial[1] };
@@ -56,20 +57,18 @@ impl Lens {
         };
         let model = if *is_px_to_angle { "FTHETA_INVERSE" } else { "FTHETA" };
         let numbers = [in_focal(2), in_focal(3), in_focal(4), in_focal(5), max_angle.min(PI), *c, *d, *e];
-        let lens = Self::named(model, &numbers)?.context("it is no f-theta lens")?;
-        let is_given = other.iter().any(|number| *number != 0.0);
-        let difference = |i: u32| {
-            let angle = lens.field() * f64::from(i) / f64::from(SAMPLES);
-            let radius = lens.base.radius * f64::from(i) / f64::from(SAMPLES) * focal_px;
+        let lens = Self::named(model, &numbers)?.expect("an f-theta lens is no pinhole");
+        // The other polynomial at points of the lens; its angles become pixels by the growth of the radius.
+        let difference_px = |i: u32| {
+            let radius = lens.base.radius * f64::from(i) / f64::from(SAMPLES);
+            let (angle, radius_px) = (lens.base.angle_of(radius), radius * focal_px);
             match is_px_to_angle {
-                true => (value(angle_to_px, value(px_to_angle, radius)) - radius).abs(),
-                false => {
-                    let radius = value(angle_to_px, angle);
-                    (value(px_to_angle, radius) - angle).abs() * value(&super::roots::derivative(angle_to_px), angle)
-                }
+                true => (value(angle_to_px, angle) - radius_px).abs(),
+                false => (value(px_to_angle, radius_px) - angle).abs() * value_and_slope(angle_to_px, angle)[1],
             }
         };
-        let disagreement_px = if is_given { (1..=SAMPLES).map(difference).fold(0.0, f64::max) } else { 0.0 };
+        let is_given = other.iter().any(|number| *number != 0.0);
+        let disagreement_px = if is_given { (1..=SAMPLES).map(difference_px).fold(0.0, f64::max) } else { 0.0 };
         Ok(InPixels { focal_px, lens, disagreement_px })
     }
 }

@@ -1,27 +1,11 @@
 //! Lenses: where the plane of a picture sees a direction, its derivatives, the way back, and the domain, in f64.
 //!
-//! A lens maps a point in view axes (x right, y down, z forward) to *plane coordinates*: pixels minus the principal
-//! point, divided by the focal lengths, which stay in [`Camera`](super::Camera). So a lens does not depend on the size
-//! of a picture. A pinhole has no lens: its plane coordinates are the slopes (x / z, y / z).
-//!
-//! ```text
-//! b     = base(x, y, z)     a radius that depends on the angle from the axis alone
-//! d     = planar(b)         radial, tangential and thin prism distortion
-//! plane = skew d            a 2x2 matrix
-//! ```
-//!
 //! - `base` - the bases: slope, angle, field of view, division, EUCM, sphere, parallel, f-theta polynomials
 //! - `planar` - the map of the plane, its fold, and its inverse
 //! - `models` - the models of files by name, with the meaning of their parameters
 //! - `f_theta` - f-theta lenses with polynomials in pixels
 //! - `roots` - roots of polynomials
 //! - `tests` - all models against their inverse, differences, known values, and random coefficients
-//!
-//! Formulas: COLMAP (`src/colmap/sensor/models.h`), the documentation of OpenCV (`calib3d`: camera calibration,
-//! fisheye), and Agisoft Metashape's manual (appendix "camera models"). Kannala and Brandt, "A generic camera model and
-//! calibration method for conventional, wide-angle, and fish-eye lenses", 2006. Devernay and Faugeras, "Straight lines
-//! have to be straight", 2001. Fitzgibbon, "Simultaneous linear estimation of multiple view geometry and lens
-//! distortion", 2001. Khomutenko, Garcia and Martinet, "An enhanced unified camera model", 2016.
 
 mod base;
 mod f_theta;
@@ -39,7 +23,28 @@ use self::base::{Base, Factor, Shape};
 pub use self::f_theta::{FTheta, InPixels};
 use self::planar::Planar;
 
-/// The lens of a camera. See the [module](self).
+/// The lens of a camera: a map from points in view axes (x right, y down, z forward) to *plane coordinates*.
+///
+/// Plane coordinates are pixels minus the principal point, divided by the focal lengths, which stay in
+/// [`Camera`](super::Camera). So a lens does not depend on the size of a picture. A pinhole has no lens: its plane
+/// coordinates are the slopes (x / z, y / z). Of a sphere they are azimuth and elevation in radians, with the focal
+/// lengths width / 2 pi and height / pi; of a parallel lens x and y in world units, with focal lengths in pixels per
+/// world unit.
+///
+/// ```text
+/// b     = base(x, y, z)     a radius that depends on the angle from the axis alone
+/// d     = planar(b)         radial, tangential and thin prism distortion
+/// plane = skew d            a 2x2 matrix
+/// ```
+///
+/// The domain of a central lens is a cone around the axis, in which the map is one-to-one. It ends where the base does,
+/// or before, at the *fold*. With tangential and prism terms the true fold is no circle, and the cone lies within.
+///
+/// Formulas: COLMAP (`src/colmap/sensor/models.h`), the documentation of OpenCV (`calib3d`: camera calibration,
+/// fisheye), and Agisoft Metashape's manual (appendix "Camera models"). Kannala and Brandt, "A generic camera model and
+/// calibration method for conventional, wide-angle, and fish-eye lenses", 2006. Devernay and Faugeras, "Straight lines
+/// have to be straight", 2001. Fitzgibbon, "Simultaneous linear estimation of multiple view geometry and lens
+/// distortion", 2001. Khomutenko, Garcia and Martinet, "An enhanced unified camera model", 2016.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lens {
     model: String,

@@ -119,24 +119,28 @@ fn the_jacobian_is_that_of_differences() {
     }
 }
 
+/// A lens of [`LENSES`], its focal lengths and principal point, the pixels of (0.6, -0.4, 1) and, where they are seen, of
+/// (0.6, -0.4, -0.2), and the tolerance of the first in pixels.
+type Known = (usize, [DVec2; 2], [f64; 2], Option<[f64; 2]>, f64);
+
 #[test]
 fn known_places_are_met() {
     let (focal, centre) = (DVec2::new(900.0, 905.0), DVec2::new(1010.0, 740.0));
-    let sphere = (DVec2::new(2000.0 / (2.0 * PI), 1500.0 / PI), DVec2::new(1000.0, 750.0));
-    let known: [(usize, DVec2, DVec2, [f64; 2], Option<[f64; 2]>, f64); 11] = [
-        (0, DVec2::splat(900.0), centre, [1516.304, 402.464], None, 1e-3),
-        (2, focal, centre, [1485.1208, 422.12056], None, 1e-5),
-        (3, focal, centre, [1498.156363303, 413.381904601], None, 1e-6),
-        (4, focal, centre, [1474.450189266, 428.646354603], Some([2323.262904, -140.372539]), 1e-6),
-        (5, focal, centre, [1472.801848876, 429.515861665], Some([2308.944328, -132.819425]), 1e-6),
-        (6, focal, centre, [1477.137131729, 426.867495503], Some([2337.747954, -148.676684]), 1e-6),
-        (7, focal, centre, [1516.293336515, 400.595948484], Some([2549.590426, -292.095804]), 1e-6),
-        (8, focal, centre, [1513.396602138, 402.537833382], Some([3756.024196, -1100.853258]), 1e-6),
-        (9, focal, centre, [1600.338889539, 344.254299976], None, 1e-6),
-        (10, focal, centre, [1478.637500600, 425.839305153], Some([2396.810908, -189.676942]), 1e-6),
-        (14, sphere.0, sphere.1, [1172.020869623, 592.234806826], Some([1602.416382, 480.737223]), 1e-6),
+    let sphere = [DVec2::new(2000.0 / (2.0 * PI), 1500.0 / PI), DVec2::new(1000.0, 750.0)];
+    let known: [Known; 11] = [
+        (0, [DVec2::splat(900.0), centre], [1516.304, 402.464], None, 1e-3),
+        (2, [focal, centre], [1485.1208, 422.12056], None, 1e-5),
+        (3, [focal, centre], [1498.156363303, 413.381904601], None, 1e-6),
+        (4, [focal, centre], [1474.450189266, 428.646354603], Some([2323.262904, -140.372539]), 1e-6),
+        (5, [focal, centre], [1472.801848876, 429.515861665], Some([2308.944328, -132.819425]), 1e-6),
+        (6, [focal, centre], [1477.137131729, 426.867495503], Some([2337.747954, -148.676684]), 1e-6),
+        (7, [focal, centre], [1516.293336515, 400.595948484], Some([2549.590426, -292.095804]), 1e-6),
+        (8, [focal, centre], [1513.396602138, 402.537833382], Some([3756.024196, -1100.853258]), 1e-6),
+        (9, [focal, centre], [1600.338889539, 344.254299976], None, 1e-6),
+        (10, [focal, centre], [1478.637500600, 425.839305153], Some([2396.810908, -189.676942]), 1e-6),
+        (14, sphere, [1172.020869623, 592.234806826], Some([1602.416382, 480.737223]), 1e-6),
     ];
-    for (index, focal, centre, first, second, tolerance) in known {
+    for (index, [focal, centre], first, second, tolerance) in known {
         let (model, numbers) = LENSES[index];
         let lens = lens(model, numbers);
         let px = |z: f64| Some(lens.plane(DVec3::new(0.6, -0.4, z))? * focal + centre);
@@ -340,7 +344,18 @@ fn f_theta_takes_the_polynomial_that_is_the_reference() {
     let seen = read.lens.direction(DVec2::new(700.0 / 800.0, 0.0)).unwrap();
     let angle = 0.00125 * 700.0 + 1e-8 * 700.0 * 700.0 + 2e-11 * 700.0_f64.powi(3);
     assert!((seen.x.atan2(seen.z) - angle).abs() < 1e-14);
-    assert!(read.disagreement_px > 1.0, "{}", read.disagreement_px);
+    let ends = Lens::f_theta(&FTheta { max_angle: 1.0, ..back.clone() }).unwrap();
+    let (px, other) = (bisect(&px_to_angle, 1.0), 800.0 + 10.0 - 30.0 + 1.0);
+    assert!((ends.disagreement_px - (px - other).abs()).abs() < 1e-6, "{} {px}", ends.disagreement_px);
+    let same = FTheta {
+        angle_to_px: [0.0, 800.0, 0.0, 0.0, 0.0, 0.0],
+        px_to_angle: [0.0, 0.00125, 0.0, 0.0, 0.0, 0.0],
+        ..back.clone()
+    };
+    for is_px_to_angle in [false, true] {
+        assert!(Lens::f_theta(&FTheta { is_px_to_angle, ..same.clone() }).unwrap().disagreement_px < 1e-9);
+    }
+    assert!(Lens::f_theta(&FTheta { max_angle: f64::NAN, ..back.clone() }).is_err());
     for (angle_to_px, expected) in [
         ([1.0, 800.0, 0.0, 0.0, 0.0, 0.0], "is not 0 on the axis"),
         ([0.0, -800.0, 0.0, 0.0, 0.0, 0.0], "does not grow on the axis"),
@@ -349,6 +364,11 @@ fn f_theta_takes_the_polynomial_that_is_the_reference() {
         let wrong = FTheta { angle_to_px, is_px_to_angle: false, ..back.clone() };
         assert!(Lens::f_theta(&wrong).unwrap_err().to_string().contains(expected));
     }
+}
+
+/// The place below 10,000 at which a growing polynomial has this value.
+fn bisect(polynomial: &[f64], wanted: f64) -> f64 {
+    roots::bisected(0.0, 1e4, |x| roots::value(polynomial, x) < wanted)
 }
 
 /// OpenCV's own formulas (calib3d, "Detailed Description").
