@@ -17,15 +17,19 @@ pub(super) struct Distortion {
     farthest_px: f64,
     /// Corners whose rays, as those of a pinhole, no lens sees.
     unseen_corners: usize,
-    /// Cameras whose lenses end within the picture, their pixels, and those of them that see nothing.
-    cut: usize,
+    ended: Option<Ended>,
+    last: Option<(Camera, Arc<Lens>, Picture)>,
+}
+
+/// Cameras whose lenses end within the picture.
+struct Ended {
+    cameras: usize,
     pixels: f64,
     blind_pixels: f64,
-    /// Some of these lenses ends where it folds, not where its base does.
+    /// Some of the lenses ends where it folds, not where its base does.
     folds: bool,
-    /// Smallest and largest field of these lenses in radians.
-    fields: Option<[f64; 2]>,
-    last: Option<(Camera, Arc<Lens>, Picture)>,
+    /// Smallest and largest field of the lenses in radians.
+    fields: [f64; 2],
 }
 
 /// How the picture of a lens differs from that of a pinhole.
@@ -57,13 +61,15 @@ impl Distortion {
         self.farthest_px = self.farthest_px.max(picture.farthest_px);
         self.unseen_corners += picture.unseen_corners;
         if picture.blind > 0.0 {
-            let [width, height] = camera.size_px.map(f64::from);
-            self.cut += 1;
-            self.pixels += width * height;
-            self.blind_pixels += width * height * picture.blind;
-            self.folds |= lens.folds();
-            let [low, high] = self.fields.unwrap_or([lens.field(); 2]);
-            self.fields = Some([low.min(lens.field()), high.max(lens.field())]);
+            let none = Ended { cameras: 0, pixels: 0.0, blind_pixels: 0.0, folds: false, fields: [lens.field(); 2] };
+            let ended = self.ended.get_or_insert(none);
+            let pixels = camera.size_px.map(f64::from).iter().product::<f64>();
+            ended.cameras += 1;
+            ended.pixels += pixels;
+            ended.blind_pixels += pixels * picture.blind;
+            ended.folds |= lens.folds();
+            let [low, high] = ended.fields;
+            ended.fields = [low.min(lens.field()), high.max(lens.field())];
         }
         Ok(())
     }
@@ -84,9 +90,8 @@ impl Distortion {
 
     /// The notices for a file with `of` cameras; none if all are pinholes.
     pub fn notices(&self, of: usize) -> Vec<String> {
-        let Self { cameras, farthest_px, unseen_corners, cut, .. } = self;
-        let mut notices = Vec::new();
-        if *cameras > 0 {
+        let Self { cameras, farthest_px, unseen_corners, .. } = self;
+        let distorted = (*cameras > 0).then(|| {
             let models = self.models.iter().map(String::as_str).collect::<Vec<_>>().join(", ");
             let is_off = *farthest_px > 0.0 || *unseen_corners == 0;
             let off = is_off.then(|| format!("corners up to {farthest_px:.1} px off"));
@@ -96,20 +101,24 @@ impl Distortion {
                 count => Some(format!("{count} corners that the lenses do not see")),
             };
             let corners = off.into_iter().chain(unseen).collect::<Vec<_>>().join(" and ");
-            notices.push(format!(
-                "{cameras} of {of} cameras have lenses that distort ({models}), and are drawn as pinholes, with {corners}"
-            ));
-        }
-        if let Some([low, high]) = self.fields.map(|fields| fields.map(|field| format!("{:.1}", field.to_degrees()))) {
-            let verb = if self.folds { "folds" } else { "ends" };
-            let cameras = if *cut == 1 { "1 camera".to_owned() } else { format!("{cut} cameras") };
-            let angle = if low == high { low } else { format!("{low} to {high}") };
-            let percent = 100.0 * self.blind_pixels / self.pixels;
-            notices.push(format!(
-                "the lens of {cameras} {verb} at {angle} degrees: {percent:.1} % of their pixels see nothing"
-            ));
-        }
-        notices
+            format!(
+                "{cameras} of {of} cameras have lenses that distort ({models}), and are drawn as pinholes, with \
+                 {corners}"
+            )
+        });
+        distorted.into_iter().chain(self.ended.as_ref().map(Ended::notice)).collect()
+    }
+}
+
+impl Ended {
+    fn notice(&self) -> String {
+        let Self { cameras, pixels, blind_pixels, folds, fields } = self;
+        let cameras = if *cameras == 1 { "1 camera".to_owned() } else { format!("{cameras} cameras") };
+        let verb = if *folds { "folds" } else { "ends" };
+        let [low, high] = fields.map(|field| format!("{:.1}", field.to_degrees()));
+        let angle = if low == high { low } else { format!("{low} to {high}") };
+        let percent = 100.0 * blind_pixels / pixels;
+        format!("the lens of {cameras} {verb} at {angle} degrees: {percent:.1} % of their pixels see nothing")
     }
 }
 

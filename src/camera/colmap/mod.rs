@@ -109,10 +109,8 @@ fn assembled(cameras: &HashMap<u32, Intrinsics>, photographs: Vec<Photograph>) -
     let mut distortion = Distortion::default();
     let mut named = Vec::with_capacity(photographs.len());
     for photograph in photographs {
-        let said = |name: &str| name.escape_debug().to_string();
-        let camera = photograph.seen_with(cameras).with_context(|| said(&photograph.name))?;
-        distortion.add(&camera).with_context(|| said(&photograph.name))?;
-        named.push(camera);
+        let camera = photograph.seen_with(cameras).and_then(|camera| distortion.add(&camera).map(|()| camera));
+        named.push(camera.with_context(|| photograph.name.escape_debug().to_string())?);
     }
     let notices = distortion.notices(named.len());
     Ok(CameraFile { cameras: named, splits: None, notices })

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 
-use super::roots::{bisected, derivative, first_root, value, value_and_slope};
+use super::roots::{bisected, derivative, first_root, solved, value, value_and_slope};
 
 /// Radii beyond this one, in focal lengths, belong to no picture: of a slope, 1e-6 radians before 90 degrees.
 const LARGEST_RADIUS: f64 = 1e6;
@@ -121,7 +121,9 @@ impl Base {
                 // Both are 0 at the end of alpha = 1, at 90 degrees.
                 (1.0, if under > 0.0 { (1.0 - a * a * square) / under } else { 0.0 })
             }
-            Shape::Polynomial => by_angle(bisected(0.0, self.angle, |angle| value(&self.polynomial(), angle) < radius)),
+            Shape::Polynomial => {
+                by_angle(solved(self.angle, radius, |angle| value_and_slope(&self.polynomial(), angle)))
+            }
             Shape::Inverse => by_angle(value(&self.polynomial(), radius)),
         }
     }
@@ -162,7 +164,7 @@ impl Base {
         let (quotient, growth) = match self.shape {
             Shape::Polynomial => (value(&polynomial[1..], angle), slope(angle)),
             _ => {
-                let radius = bisected(0.0, self.radius, |radius| value(&polynomial, radius) < angle);
+                let radius = solved(self.radius, angle, |radius| value_and_slope(&polynomial, radius));
                 (if angle > 0.0 { radius / angle } else { 1.0 }, 1.0 / slope(radius))
             }
         };

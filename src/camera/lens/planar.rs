@@ -2,7 +2,7 @@
 
 use glam::{DMat2, DVec2};
 
-use super::roots::{bisected, derivative, first_root, product, sum, value_and_slope};
+use super::roots::{derivative, first_root, product, solved, sum, value_and_slope};
 
 /// The distortion of a point b of the plane. With r2 = |b|^2:
 ///
@@ -38,9 +38,11 @@ impl Planar {
         [n / m, (dn * m - n * dm) / (m * m)]
     }
 
-    /// The radius that the radial part maps a radius to.
-    pub fn radius(&self, radius: f64) -> f64 {
-        radius * self.factor(radius * radius)[0]
+    /// The radius that the radial part maps a radius to, and its derivative.
+    fn radius(&self, radius: f64) -> [f64; 2] {
+        let square = radius * radius;
+        let [g, slope] = self.factor(square);
+        [radius * g, g + 2.0 * square * slope]
     }
 
     /// The point that `b` is mapped to, and the Jacobian.
@@ -93,8 +95,9 @@ impl Planar {
         let taken_along = [0.0, 6.0 * w + 2.0 * u[0], 0.0, 2.0 * u[1]];
         if self.is_in_turn {
             let fold = first(&along, end);
-            let largest = first(&sum(&[1.0], -1.0, &taken_along), self.radius(fold));
-            return bisected(0.0, fold, |radius| self.radius(radius) < largest);
+            let end = self.radius(fold)[0];
+            let largest = first(&sum(&[1.0], -1.0, &taken_along), end);
+            return if largest < end { solved(fold, largest, |radius| self.radius(radius)) } else { fold };
         }
         let taken_across = [0.0, 10.0 / 3.0 * w + u[0], 0.0, u[1]];
         let square = product(&m, &m);
@@ -104,7 +107,7 @@ impl Planar {
 
     /// The point that is mapped to `wanted`, within the disc of `fold`; `None` if there is none.
     ///
-    /// The radial part is found by bisection, the rest by Newton's method. In the disc the squared distance to `wanted`
+    /// The radial part is found in an interval, the rest by Newton's method. In the disc the squared distance to `wanted`
     /// has no other minimum than the point itself, so that shortened steps end there.
     pub fn inverse(&self, wanted: DVec2, fold: f64) -> Option<DVec2> {
         if *self == Self::default() {
@@ -112,12 +115,11 @@ impl Planar {
         }
         let unbent = |mapped: DVec2| {
             let length = mapped.length();
-            let radius = bisected(0.0, fold, |radius| self.radius(radius) < length);
-            mapped * if length > 0.0 { radius / length } else { 0.0 }
+            mapped * if length > 0.0 { solved(fold, length, |radius| self.radius(radius)) / length } else { 0.0 }
         };
         let b = match self.is_in_turn {
             true => {
-                let disc = self.radius(fold);
+                let disc = self.radius(fold)[0];
                 unbent(newton(wanted, wanted.clamp_length_max(0.999 * disc), disc, |b| {
                     let (aside, by_b) = self.aside(b);
                     (b + aside, by_b + DMat2::IDENTITY)
@@ -137,6 +139,9 @@ fn newton(wanted: DVec2, start: DVec2, disc: f64, map: impl Fn(DVec2) -> (DVec2,
     let (mut mapped, mut jacobian) = map(b);
     for _ in 0..NEWTON_STEPS {
         let error = mapped - wanted;
+        if error.length() <= ROUNDING * wanted.length() {
+            break;
+        }
         let step = jacobian.inverse() * error;
         let mut fraction = 1.0;
         (b, mapped, jacobian) = loop {
@@ -154,6 +159,9 @@ fn newton(wanted: DVec2, start: DVec2, disc: f64, map: impl Fn(DVec2) -> (DVec2,
     }
     b
 }
+
+/// Relative residual that no step improves much.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 const NEWTON_STEPS: usize = 100;
 const SMALLEST_FRACTION: f64 = 1e-6;

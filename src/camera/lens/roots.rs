@@ -69,9 +69,49 @@ pub(super) fn bisected(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool)
     }
 }
 
+/// The place in (0, `end`) at which a growing function, given with its slope, has the value `wanted`: close below `end`
+/// if it is less there. By Newton's method, and by bisection where a step leaves the interval or does not halve it.
+pub(super) fn solved(end: f64, wanted: f64, function: impl Fn(f64) -> [f64; 2]) -> f64 {
+    let ([mut low, mut high], mut last_step) = ([0.0, end], f64::INFINITY);
+    let mut x = wanted.min(0.5 * end);
+    loop {
+        let [value, slope] = function(x);
+        if value < wanted {
+            low = x
+        } else {
+            high = x
+        }
+        let step = (wanted - value) / slope;
+        let next = x + step;
+        let is_newton = next > low && next < high && step.abs() < 0.5 * last_step;
+        let next = if is_newton { next } else { 0.5 * (low + high) };
+        last_step = (next - x).abs();
+        // Rounding of the last step, or an interval without a number inside.
+        if last_step <= f64::EPSILON * x || next <= low || next >= high {
+            return next.min(high);
+        }
+        x = next;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn growing_functions_are_solved_up_to_their_end() {
+        // x - x^3 / 3 grows up to 1, where it is 2 / 3.
+        let function = |x: f64| value_and_slope(&[0.0, 1.0, 0.0, -1.0 / 3.0], x);
+        for wanted in [0.0, 1e-300, 1e-9, 0.1, 0.5, 0.66, 0.6666, 2.0 / 3.0 - 1e-12] {
+            let (solved, bisected) = (solved(1.0, wanted, function), bisected(0.0, 1.0, |x| function(x)[0] < wanted));
+            assert!((solved - bisected).abs() <= 1e-9 * bisected, "{wanted}: {solved} {bisected}");
+            assert!((function(solved)[0] - wanted).abs() <= 4e-16 * wanted, "{wanted}");
+        }
+        for wanted in [0.7, 1e300, f64::INFINITY] {
+            let solved = solved(1.0, wanted, function);
+            assert!(solved < 1.0 && solved > 1.0 - 1e-12, "{wanted}: {solved}");
+        }
+    }
 
     #[test]
     fn roots_of_products_of_their_factors_are_found() {

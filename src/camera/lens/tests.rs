@@ -119,8 +119,8 @@ fn the_jacobian_is_that_of_differences() {
     }
 }
 
-/// A lens of [`LENSES`], its focal lengths and principal point, the pixels of (0.6, -0.4, 1) and, where they are seen, of
-/// (0.6, -0.4, -0.2), and the tolerance of the first in pixels.
+/// A lens of [`LENSES`], its focal lengths and principal point, the pixels of (0.6, -0.4, 1), and of (0.6, -0.4, -0.2)
+/// if it is seen, and the tolerance of the first.
 type Known = (usize, [DVec2; 2], [f64; 2], Option<[f64; 2]>, f64);
 
 #[test]
