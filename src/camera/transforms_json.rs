@@ -2,7 +2,6 @@
 //! OpenGL, with intrinsics for all frames or for each.
 
 use std::collections::HashMap;
-use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -92,11 +91,11 @@ impl Frame<'_> {
         let (position, rotation) = self.pose()?;
         let (position, rotation) = placed.map_or((position, rotation), |placed| placed.moved(position, rotation));
         let (lens, middle) = (self.lens()?, centre(size_px));
-        let (focal_px, centre_px) = if lens.as_ref().is_some_and(Lens::is_sphere) {
-            (DVec2::from(size_px.map(f64::from)) / DVec2::new(2.0 * PI, PI), middle)
+        let [focal_px, centre_px] = if lens.as_ref().is_some_and(Lens::is_sphere) {
+            Lens::sphere_px(DVec2::from(size_px.map(f64::from)))
         } else {
             let [x, y] = [self.number("cx")?, self.number("cy")?];
-            (self.focal_px(size_px)?, DVec2::new(x.unwrap_or(middle.x), y.unwrap_or(middle.y)))
+            [self.focal_px(size_px)?, DVec2::new(x.unwrap_or(middle.x), y.unwrap_or(middle.y))]
         };
         let camera = Camera { position, rotation, focal_px, centre_px, size_px }.checked()?;
         let name = name.map_or_else(|| index.to_string(), |name| plain(name).to_owned());

@@ -1,6 +1,5 @@
 //! Camera models of COLMAP: the number and the meaning of their parameters.
 
-use std::f64::consts::PI;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -79,9 +78,9 @@ impl Model {
         let (focal_px, rest) = parameters.split_at(self.focal_lengths);
         let (centre_px, rest) = rest.split_at(2);
         let centre_px = DVec2::from_slice(centre_px);
-        let (focal_px, centre_px) = match focal_px {
-            [] => (centre_px / DVec2::new(2.0 * PI, PI), centre_px / 2.0),
-            &[.., y] => (DVec2::new(focal_px[0], y), centre_px),
+        let [focal_px, centre_px] = match focal_px {
+            [] => Lens::sphere_px(centre_px),
+            &[.., y] => [DVec2::new(focal_px[0], y), centre_px],
         };
         let lens = Lens::named(name, rest)?.map(Arc::new);
         Ok(Intrinsics { focal_px, centre_px, size_px: [w, h], lens })

@@ -96,6 +96,11 @@ impl Lens {
         self.base.shape == Shape::Sphere
     }
 
+    /// Focal lengths and principal point, in pixels, with which a sphere fills a picture of this size.
+    pub fn sphere_px(size_px: DVec2) -> [DVec2; 2] {
+        [size_px / DVec2::new(2.0 * PI, PI), size_px / 2.0]
+    }
+
     /// Plane coordinates of a point in view axes, at any distance. `None` outside the domain.
     pub fn plane(&self, view: DVec3) -> Option<DVec2> {
         let plane = match self.base.shape {

@@ -107,8 +107,8 @@ impl Planar {
 
     /// The point that is mapped to `wanted`, within the disc of `fold`; `None` if there is none.
     ///
-    /// The radial part is found in an interval, the rest by Newton's method. In the disc the squared distance to `wanted`
-    /// has no other minimum than the point itself, so that shortened steps end there.
+    /// The radial part is found in an interval, the rest by Newton's method. In the disc the squared distance to
+    /// `wanted` has no other minimum than the point itself, so that shortened steps end there.
     pub fn inverse(&self, wanted: DVec2, fold: f64) -> Option<DVec2> {
         if *self == Self::default() {
             return (wanted.length() < fold).then_some(wanted);

@@ -88,7 +88,7 @@ pub(super) fn solved(end: f64, wanted: f64, function: impl Fn(f64) -> [f64; 2]) 
         last_step = (next - x).abs();
         // Rounding of the last step, or an interval without a number inside.
         if last_step <= f64::EPSILON * x || next <= low || next >= high {
-            return next.min(high);
+            return x;
         }
         x = next;
     }

@@ -126,7 +126,7 @@ type Known = (usize, [DVec2; 2], [f64; 2], Option<[f64; 2]>, f64);
 #[test]
 fn known_places_are_met() {
     let (focal, centre) = (DVec2::new(900.0, 905.0), DVec2::new(1010.0, 740.0));
-    let sphere = [DVec2::new(2000.0 / (2.0 * PI), 1500.0 / PI), DVec2::new(1000.0, 750.0)];
+    let sphere = Lens::sphere_px(DVec2::new(2000.0, 1500.0));
     let known: [Known; 11] = [
         (0, [DVec2::splat(900.0), centre], [1516.304, 402.464], None, 1e-3),
         (2, [focal, centre], [1485.1208, 422.12056], None, 1e-5),
@@ -175,6 +175,10 @@ fn folds_are_those_of_the_reports_on_them() {
     }
     let never = lens("RADIAL", &[-0.25, 0.05]);
     assert!(!never.folds() && (never.field() - FRAC_PI_2).abs() < 2e-6);
+    let mut straight = [0.0; 12];
+    straight[6] = 1e-4;
+    let never = lens("RAD_TAN_THIN_PRISM_FISHEYE", &straight);
+    assert!(!never.folds() && never.field() == PI);
     // The denominator 1 - 0.25 r^2 is 0 at r = 2.
     let pole = lens("FULL_OPENCV", &[0.0, 0.0, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0]);
     assert!((pole.field().tan() - 2.0).abs() < 1e-12);
