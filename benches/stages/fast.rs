@@ -93,7 +93,7 @@ impl Fast {
     }
 
     fn sort(&self, cmd: &mut Commands) {
-        self.pipeline.sort(cmd, &self.work);
+        self.pipeline.sort(cmd, &self.work, self.grid);
     }
 
     fn merge_runs(&self, cmd: &mut Commands) {
@@ -118,7 +118,7 @@ impl Fast {
     pub fn benches(&self) -> Vec<Bench<'_>> {
         let [splats, entries, bins] = [self.splats, self.entries, self.grid.count()].map(u64::from);
         let pixels: u64 = self.image.size().iter().map(|side| u64::from(*side)).product();
-        let chunk_lists = 4 * u64::from(self.work.chunks()) * (bins + 1);
+        let chunk_lists = 4 * u64::from(self.work.bin_chunks(self.grid)) * (bins + 1);
         let stages: [(&'static str, u64, &'static [Record], Record); 7] = [
             ("fast list", 8 * splats + 4 * bins + chunk_lists + 4 * entries, &[Self::reset], Self::list),
             ("fast offsets", 28 * bins, &[Self::reset, Self::list], Self::offsets),

@@ -9,6 +9,7 @@ const uint MAX_BINS = 7200;      // bins in a picture at most: their counts fit 
 const uint PROJECT_CHUNK = 384;  // Gaussians that one workgroup of project takes
 const uint BIN_CHUNKS = 264;     // fewest chunks of the splats; each is listed by one workgroup of list
 const uint MAX_BIN_CHUNKS = 2048;  // four for each lane of sort
+const uint MANY_SPLATS = 2500000;  // splats from which on there are more chunks than BIN_CHUNKS
 const uint BIN_RUN = 2048;       // entries that one workgroup of sort sorts
 const uint MERGE_RUNS = 16;      // most runs of a list that are merged at once
 const uint BIN_SEGMENT = 1024;   // entries of a list whose masks lie together
@@ -38,4 +39,18 @@ struct FastDispatches {
     uvec3 over_segments;
     uint runs;
     uint segments;
+    uint chunks;
 };
+
+// The number of chunks of `splats`. All workgroups of list that run at the same time write all over their regions. If
+// these do not fit into the cache of the GPU, parts of its lines go to memory one by one, so regions are smaller where
+// there are many splats. As sort reads every chunk list by itself, there are at most as many lists as splats.
+uint bin_chunks(uint splats, uint bins) {
+    return splats < MANY_SPLATS ? BIN_CHUNKS : clamp(splats / bins, BIN_CHUNKS, MAX_BIN_CHUNKS);
+}
+
+// The place of a chunk list's begin in `list_starts`: chunk by chunk, as list writes them, or, if sort reads many for
+// each bin, bin by bin.
+uint start_place(uint chunk, uint chunks, uint bin, uint bins) {
+    return chunks == BIN_CHUNKS ? chunk * (bins + 1) + bin : bin * chunks + chunk;
+}

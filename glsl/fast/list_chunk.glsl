@@ -14,14 +14,16 @@ void visit(uint bin, uint splat, bool writes) {
 #include "fast/walk_bins.glsl"
 
 void main() {
-    uint chunk = workgroup();
-    if (chunk >= push.chunks) return;
+    uint visible = min(counters.visible, push.visible_capacity);
+    uint chunk = workgroup(), chunks = bin_chunks(visible, push.bins), each = div_up(visible, chunks);
+    if (chunk >= chunks) return;
+    uint first = min(visible, chunk * each), past = min(visible, first + each);
     for (uint bin = lane(); bin < push.bins; bin += WORKGROUP) next[bin] = 0;
     barrier();
-    visit_chunk(chunk, false);
+    visit_splats(first, past, false);
     barrier();
     // Each lane handles consecutive bins, so that chunk lists lie in the order of the bins.
-    uint each = div_up(push.bins, WORKGROUP), begin = min(lane() * each, push.bins), end = min(begin + each, push.bins);
+    uint bins = div_up(push.bins, WORKGROUP), begin = min(lane() * bins, push.bins), end = min(begin + bins, push.bins);
     uint mine = 0, all;
     for (uint bin = begin; bin < end; bin++) mine += next[bin];
     uint start = workgroup_exclusive_add(mine, all);
@@ -36,12 +38,12 @@ void main() {
     for (uint bin = begin; bin < end; bin++) {
         uint listed = next[bin];
         if (listed > 0) atomicAdd(listed_in_bins[bin], listed);
-        list_starts[bin * push.chunks + chunk] = next[bin] = start;
+        list_starts[start_place(chunk, chunks, bin, push.bins)] = next[bin] = start;
         start += listed;
     }
-    if (lane() == 0) list_starts[push.bins * push.chunks + chunk] = region + all;
+    if (lane() == 0) list_starts[start_place(chunk, chunks, push.bins, push.bins)] = region + all;
     // A frame that needs more entries is drawn again.
     if (region > push.entry_capacity || all > push.entry_capacity - region) return;
     barrier();
-    visit_chunk(chunk, true);
+    visit_splats(first, past, true);
 }

@@ -75,6 +75,7 @@ void main() {
         dispatches.over_segments = folded(all.z);
         dispatches.runs = all.y;
         dispatches.segments = all.z;
+        dispatches.chunks = bin_chunks(min(demand.visible, push.visible_capacity), push.bins);
         totals.visible = demand.visible;
         totals.visible_kept = min(demand.visible, push.visible_capacity);
         totals.spans = demand.spans;

@@ -23,10 +23,10 @@ layout(binding = 3, scalar) readonly buffer DepthKeys { uint depth_keys[]; };   
 layout(binding = 4, scalar) writeonly buffer Entries { uvec2 entries[]; };                  // [entry_capacity]
 layout(binding = 5, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
 layout(binding = 6, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
-layout(binding = 7, scalar) readonly buffer ListStarts { uint list_starts[]; };             // [(bins + 1) * chunks]
+layout(binding = 7, scalar) readonly buffer ListStarts { uint list_starts[]; };  // [(bins + 1) * chunks] by start_place
 layout(binding = 8, scalar) readonly buffer Unsorted { uint unsorted[]; };                  // [entry_capacity]
 layout(push_constant, scalar) uniform Push {
-    uint chunks;
+    uint bins;
 } push;
 
 #include "shared/subgroup_rank.glsl"
@@ -105,20 +105,20 @@ bool exists(uint k) {
 
 // The least power of 2 that is not below the number of chunks.
 uint chunk_places() {
-    return 1u << findMSB(2 * push.chunks - 1);
+    return 1u << findMSB(2 * dispatches.chunks - 1);
 }
 
 // Sets, for every chunk, `values` to the number of entries of a bin in the chunks before it, and `keys` to the
 // difference between the index of an entry of the chunk list in `unsorted` and in the list of the bin.
 void load_chunk_lists(uint bin) {
     // Each lane handles consecutive chunks.
-    uint each = div_up(push.chunks, WORKGROUP), first = lane() * each, end = min(first + each, push.chunks);
+    uint chunks = dispatches.chunks;
+    uint each = div_up(chunks, WORKGROUP), first = lane() * each, end = min(first + each, chunks);
     uvec4 begins = uvec4(0), counts = uvec4(0);
 #define LOAD_STARTS(k) \
     if (first + k < end) { \
-        uint place = bin * push.chunks + first + k; \
-        begins[k] = list_starts[place]; \
-        counts[k] = list_starts[place + push.chunks] - begins[k]; \
+        begins[k] = list_starts[start_place(first + k, chunks, bin, push.bins)]; \
+        counts[k] = list_starts[start_place(first + k, chunks, bin + 1, push.bins)] - begins[k]; \
     }
     LOAD_STARTS(0) LOAD_STARTS(1) LOAD_STARTS(2) LOAD_STARTS(3)
     uint total, before = workgroup_exclusive_add(counts.x + counts.y + counts.z + counts.w, total);
@@ -129,7 +129,7 @@ void load_chunk_lists(uint bin) {
         before += counts[k]; \
     }
     PUT_CHUNK(0) PUT_CHUNK(1) PUT_CHUNK(2) PUT_CHUNK(3)
-    for (uint i = push.chunks + lane(); i < chunk_places(); i += WORKGROUP) values[i] = NONE;
+    for (uint i = chunks + lane(); i < chunk_places(); i += WORKGROUP) values[i] = NONE;
     barrier();
 }
 

@@ -51,10 +51,8 @@ void visit_together(uvec2 range, uint rows, uint splat, bool writes) {
     }
 }
 
-void visit_chunk(uint chunk, bool writes) {
-    uint visible = min(counters.visible, push.visible_capacity);
-    uint each = div_up(visible, push.chunks);
-    uint begin = min(visible, chunk * each), end = min(visible, begin + each);
+// Visits the bins of the splats of a chunk.
+void visit_splats(uint begin, uint end, bool writes) {
     // Lanes of a subgroup take splats far from one another: neighbours are often in one bin, where their atomics would
     // wait for each other.
     uint part = div_up(end - begin, SUBGROUP);

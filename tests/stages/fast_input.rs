@@ -5,6 +5,7 @@ use smalto::gpu::{Access, Commands};
 use smalto::options::Options;
 use smalto::procedural::cactus;
 use smalto::reference;
+use smalto::render::shaders::fast::BIN_CHUNKS;
 use smalto::render::shaders::{Bin, FastCounters};
 use smalto::render::{BinGrid, Capacity, FastPipeline, FastWorkspace, GpuScene};
 
@@ -22,8 +23,6 @@ pub struct Input {
     pub spans: Vec<u32>,
     pub depth_keys: Vec<u32>,
     pub gaussian_from_splat: Vec<u32>,
-    /// Splats that fit into the buffers.
-    pub room: usize,
 }
 
 impl Input {
@@ -39,8 +38,7 @@ impl Input {
         let mut gaussian_from_splat: Vec<u32> = (0..count).collect();
         let mut random = Random(count.into());
         (1..count).for_each(|i| gaussian_from_splat.swap(i as usize, random.below(i + 1) as usize));
-        let (depth_keys, room) = ((0..count).map(key).collect(), span_ranges.len());
-        Self { span_ranges, spans, depth_keys, gaussian_from_splat, room }
+        Self { span_ranges, spans, depth_keys: (0..count).map(key).collect(), gaussian_from_splat }
     }
 
     /// Splats of one bin each: so many in every bin of a row, bin after bin.
@@ -54,11 +52,6 @@ impl Input {
         let mut random = Random(7);
         (1..self.span_ranges.len()).for_each(|i| self.span_ranges.swap(i, random.below(i as u32 + 1) as usize));
         self
-    }
-
-    /// The same splats in buffers for more of them.
-    pub fn with_room(self, room: usize) -> Self {
-        Self { room, ..self }
     }
 
     pub fn counts(&self, grid: BinGrid) -> Vec<u32> {
@@ -94,7 +87,7 @@ impl Bench {
         let count = input.span_ranges.len();
         let capacity = Capacity {
             gaussians: count,
-            visible: input.room as u64,
+            visible: count as u64,
             spans: input.spans.len() as u64,
             listed: entries as u64,
             cells: grid.count() as usize,
@@ -132,9 +125,12 @@ impl Bench {
 
     /// For every chunk, the begin of its list in each bin; then the end of the last of these lists.
     pub fn list_starts(&self) -> Vec<Vec<usize>> {
-        let (starts, chunks) = (self.gpu.download(&self.work.list_starts), self.work.chunks() as usize);
-        let of_chunk = |chunk| starts.iter().skip(chunk).step_by(chunks).map(|start| *start as usize).collect();
-        (0..chunks).map(of_chunk).collect()
+        let (starts, bins) = (self.gpu.download(&self.work.list_starts), self.grid.count() as usize);
+        let chunks = self.work.bin_chunks(self.grid) as usize;
+        // The layout of `start_place` in glsl/fast/frame.glsl.
+        let place =
+            |chunk, bin| if chunks == BIN_CHUNKS as usize { chunk * (bins + 1) + bin } else { bin * chunks + chunk };
+        (0..chunks).map(|chunk| (0..=bins).map(|bin| starts[place(chunk, bin)] as usize).collect()).collect()
     }
 
     /// The lists of all bins before they are sorted: their chunk lists, one after another.

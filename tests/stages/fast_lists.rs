@@ -2,8 +2,9 @@
 
 use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
+use smalto::options::Options;
 use smalto::reference;
-use smalto::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MAX_BIN_CHUNKS, MERGE_RUNS};
+use smalto::render::shaders::fast::{BIN_RUN, BIN_SEGMENT, MANY_SPLATS, MAX_BIN_CHUNKS, MERGE_RUNS};
 use smalto::render::shaders::{FastCounters, FastDispatches};
 use smalto::render::{BinGrid, Capacity};
 
@@ -176,20 +177,18 @@ fn sort_and_merge_order_lists_of_every_length() {
     let cases = forms.into_iter().flat_map(|form| kinds.map(|kind| [(form, kind, false), (form, kind, true)]));
     for ((lengths, inputs), (name, key), is_shuffled) in cases.flatten() {
         let size = [lengths.len() as u32 * 64, 32];
-        // In the order of the splats a list has entries of few chunks, shuffled it has entries of all, and there are
-        // more chunks than lanes of sort.
+        // In the order of the splats a list has entries of few chunks, shuffled it has entries of all.
         let input = Input::of_lengths(lengths, key);
-        let input = if is_shuffled { input.shuffled().with_room(2_500_000) } else { input };
+        let input = if is_shuffled { input.shuffled() } else { input };
         let entries: usize = lengths.iter().sum();
         let longest = lengths[lengths.len() - 1];
         let bench = Bench::new(size, 2, &input, entries, longest as u32);
         assert_eq!(bench.work.pair_merges().count() > 0, inputs == 2);
-        assert_eq!(bench.work.chunks(), if is_shuffled { MAX_BIN_CHUNKS } else { BIN_CHUNKS });
         bench.list();
         let bins = bench.bins();
         let listed = bench.lists();
 
-        bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work));
+        bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
         let sorted = bench.gpu.download(&bench.work.entries);
         let ids = bench.gpu.download(&bench.work.splat_ids);
         let mut runs = Vec::new();
@@ -218,6 +217,26 @@ fn sort_and_merge_order_lists_of_every_length() {
     }
 }
 
+/// Many splats are listed in more chunks, and their lists begin at other places.
+#[test]
+fn many_splats_are_listed_in_more_chunks_than_sort_has_lanes() {
+    let count = MANY_SPLATS + 1000;
+    let mut random = Random(5);
+    let spans = (0..count).map(|_| (random.below(40), random.below(25))).collect::<Vec<_>>();
+    let spans = spans.into_iter().map(|(column, row)| (row, column, column + 1));
+    let input = Input::of_spans(spans, |i| i.wrapping_mul(0x9e37_79b9) >> 4);
+    let bench = Bench::with(&Options::BALANCED, [40 * 64, 25 * 32], 2, &input, count as usize, 0);
+    assert_eq!(bench.work.bin_chunks(bench.grid), MAX_BIN_CHUNKS);
+    bench.list();
+    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
+    bench.run(|b, cmd| b.pipeline.merge(cmd, &b.work));
+    let ids = bench.gpu.download(&bench.work.splat_ids);
+    for (ids, mut expected) in parts(&ids, &bench.bins()).zip(input.lists(bench.grid)) {
+        reference::sort_run(&mut expected, &input.gaussian_from_splat);
+        assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "a list of {}", ids.len());
+    }
+}
+
 /// A folded dispatch may have more workgroups than there are runs. Here it has twice as many, those beyond find the
 /// longest list, and there is memory that they could write. The lists take up to nine merges of pairs.
 #[test]
@@ -239,7 +258,7 @@ fn workgroups_without_a_run_do_nothing() {
         cmd.fill(&b.work.entries, UNTOUCHED);
         cmd.fill(&b.work.merged, UNTOUCHED);
     });
-    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work));
+    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
     bench.run(|b, cmd| b.pipeline.merge(cmd, &b.work));
     let ids = bench.gpu.download(&bench.work.splat_ids);
     for (ids, mut expected) in parts(&ids, &bench.bins()).zip(input.lists(bench.grid)) {

@@ -216,7 +216,7 @@ impl FastPipeline {
     pub(in crate::render) fn sort_lists(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         cmd.scope("offsets", |cmd| self.offsets(cmd, work, grid));
         between_stages(cmd);
-        cmd.scope("sort", |cmd| self.sort(cmd, work));
+        cmd.scope("sort", |cmd| self.sort(cmd, work, grid));
         between_stages(cmd);
         cmd.scope("merge", |cmd| self.merge(cmd, work));
         between_stages(cmd);
@@ -298,9 +298,8 @@ impl FastPipeline {
             bins: grid.count(),
             visible_capacity: work.visible_capacity(),
             entry_capacity: work.entry_capacity(),
-            chunks: work.chunks(),
         };
-        cmd.dispatch(&self.list, bindings, push, DispatchSize::Groups(work.chunks().into()));
+        cmd.dispatch(&self.list, bindings, push, DispatchSize::Groups(work.bin_chunks(grid).into()));
     }
 
     /// Finds the begin of each bin's list, and the dispatches over runs and segments.
@@ -326,7 +325,7 @@ impl FastPipeline {
     }
 
     /// Sorts every run by depth, then by Gaussian.
-    pub fn sort(&self, cmd: &mut Commands, work: &FastWorkspace) {
+    pub fn sort(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         let bindings = SortBindings {
             run_bins: &work.run_bins,
             bins: &work.bins,
@@ -338,7 +337,7 @@ impl FastPipeline {
             list_starts: &work.list_starts,
             unsorted: &work.unsorted,
         };
-        let (push, groups) = (SortPush { chunks: work.chunks() }, offset_of!(FastDispatches, over_runs));
+        let (push, groups) = (SortPush { bins: grid.count() }, offset_of!(FastDispatches, over_runs));
         cmd.dispatch_indirect(&self.sort, bindings, push, &work.dispatches, groups);
     }
 

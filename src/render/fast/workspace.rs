@@ -5,7 +5,8 @@ use anyhow::Result;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::render::capacity::{Capacity, length};
-use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MAX_BIN_CHUNKS, MERGE_RUNS};
+use crate::render::fast::BinGrid;
+use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MANY_SPLATS, MAX_BIN_CHUNKS, MERGE_RUNS};
 use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
 
 /// The buffers of one frame of the fast path, whose cells are bins.
@@ -22,8 +23,8 @@ pub struct FastWorkspace {
     pub span_ranges: Buffer<[u32; 2]>,
     pub spans: Buffer<u32>,
     pub listed_in_bins: Buffer<u32>,
-    /// For every bin and chunk of splats: the begin of the chunk list in `unsorted`. Then the ends of the last lists of
-    /// all chunks.
+    /// For every chunk of splats and every bin: the begin of the chunk list in `unsorted`; and the end of the last list
+    /// of every chunk.
     pub list_starts: Buffer<u32>,
     pub bins: Buffer<Bin>,
     pub bin_order: Buffer<u32>,
@@ -71,6 +72,10 @@ impl FastWorkspace {
         let words = |name: &str, len: usize| Buffer::<u32>::new(device, name, len);
         // Masks take whole segments, so that there are at least as many words as entries.
         let unsorted = words("unsorted splats or masks", segments * BIN_SEGMENT as usize)?;
+        // In each bin and past the last, for as many chunks as there may be with these or with fewer bins.
+        let starts = |chunks: u32| chunks as usize * (capacity.cells + 1);
+        let many = if visible < MANY_SPLATS as usize { 0 } else { (visible + 1).min(starts(MAX_BIN_CHUNKS)) };
+        let list_starts = starts(BIN_CHUNKS).max(many + MAX_BIN_CHUNKS as usize);
         let work = Self {
             capacity,
             totals: Buffer::new(device, "totals", 1)?,
@@ -82,7 +87,7 @@ impl FastWorkspace {
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
             listed_in_bins: words("listed in bins", capacity.cells)?,
-            list_starts: words("chunk list starts", chunks(capacity) as usize * (capacity.cells + 1))?,
+            list_starts: words("chunk list starts", list_starts)?,
             bins: Buffer::new(device, "bins", capacity.cells)?,
             bin_order: words("bin order", capacity.cells)?,
             run_bins: words("run bins", entries / BIN_RUN as usize + capacity.cells)?,
@@ -136,9 +141,10 @@ impl FastWorkspace {
         self.gaussian_from_splat.len() as u32
     }
 
-    /// The number of chunks in which splats are listed.
-    pub fn chunks(&self) -> u32 {
-        chunks(self.capacity)
+    /// The most chunks in which the splats that fit are listed: the rule of `glsl/fast/frame.glsl`.
+    pub fn bin_chunks(&self, grid: BinGrid) -> u32 {
+        let splats = self.visible_capacity();
+        if splats < MANY_SPLATS { BIN_CHUNKS } else { (splats / grid.count()).clamp(BIN_CHUNKS, MAX_BIN_CHUNKS) }
     }
 
     /// The number of entries that fit.
@@ -186,18 +192,6 @@ impl FastWorkspace {
         ]);
         all
     }
-}
-
-/// Visible splats from which on they are listed in more than [`BIN_CHUNKS`] chunks.
-const MORE_CHUNKS_FROM: u64 = 2_500_000;
-
-/// The number of chunks in which splats are listed. All chunks that are listed at the same time write all over their
-/// regions of `unsorted`. If these do not fit into the cache of the GPU, parts of a cache line go to memory one by one:
-/// smaller regions help. But sort reads each chunk list by itself, so there are at most a quarter as many as splats.
-fn chunks(capacity: Capacity) -> u32 {
-    let most = capacity.visible / (4 * capacity.cells.max(1) as u64);
-    let is_large = capacity.visible >= MORE_CHUNKS_FROM;
-    if is_large { most.clamp(BIN_CHUNKS.into(), MAX_BIN_CHUNKS.into()) as u32 } else { BIN_CHUNKS }
 }
 
 /// Frames with at least as many entries merge runs in pairs. One merge of all runs takes fewer dispatches, but its work

@@ -92,9 +92,8 @@ impl FastStages {
             bins: grid.count(),
             visible_capacity: work.visible_capacity(),
             entry_capacity: work.entry_capacity(),
-            chunks: work.chunks(),
         };
-        let groups = DispatchSize::Groups(work.chunks().into());
+        let groups = DispatchSize::Groups(work.bin_chunks(grid).into());
         cmd.dispatch(&self.list, bindings, push, groups);
     }
 
