@@ -14,7 +14,7 @@ layout(binding = 0, scalar) buffer CountersBlock { FastCounters counters; };
 layout(binding = 1, scalar) readonly buffer SpanRanges { uvec2 span_ranges[]; };            // [visible_capacity]
 layout(binding = 2, scalar) readonly buffer Spans { uint spans[]; };                        // [span_capacity]
 layout(binding = 3, scalar) buffer ListedInBins { uint listed_in_bins[]; };                 // [bins]
-layout(binding = 4, scalar) writeonly buffer ListStarts { uint list_starts[]; };  // [(bins + 1) * chunks] by start_place
+layout(binding = 4, scalar) writeonly buffer ListStarts { uint list_starts[]; }; // [(bins + 1) * chunks]
 layout(binding = 5, scalar) writeonly buffer Unsorted { uint unsorted[]; };                 // [entry_capacity]
 layout(push_constant, scalar) uniform Push {
     uint bins_x;

@@ -23,7 +23,7 @@ layout(binding = 3, scalar) readonly buffer DepthKeys { uint depth_keys[]; };   
 layout(binding = 4, scalar) writeonly buffer Entries { uvec2 entries[]; };                  // [entry_capacity]
 layout(binding = 5, scalar) writeonly buffer SplatIds { uint splat_ids[]; };                // [entry_capacity]
 layout(binding = 6, scalar) readonly buffer DispatchesBlock { FastDispatches dispatches; };
-layout(binding = 7, scalar) readonly buffer ListStarts { uint list_starts[]; };  // [(bins + 1) * chunks] by start_place
+layout(binding = 7, scalar) readonly buffer ListStarts { uint list_starts[]; };  // [(bins + 1) * chunks]
 layout(binding = 8, scalar) readonly buffer Unsorted { uint unsorted[]; };                  // [entry_capacity]
 layout(push_constant, scalar) uniform Push {
     uint bins;
