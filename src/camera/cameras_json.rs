@@ -116,7 +116,7 @@ pub fn from_json(text: &str) -> Result<Camera> {
 
 impl Entry {
     pub fn of(index: usize, name: &str, camera: &Camera, Moment { seconds, rests }: Moment) -> Self {
-        let Camera { position, rotation, focal_px, centre_px, size_px } = camera;
+        let Camera { position, rotation, focal_px, centre_px, size_px, lens: _ } = camera;
         let centred = centre(*size_px);
         Self {
             id: i64::try_from(index).ok(),
@@ -144,6 +144,7 @@ impl Entry {
             focal_px: DVec2::new(self.fx, self.fy),
             centre_px: DVec2::new(self.cx.unwrap_or(middle.x), self.cy.unwrap_or(middle.y)),
             size_px,
+            lens: None,
         };
         let name = self.img_name.unwrap_or_else(|| self.id.map_or_else(|| index.to_string(), |id| id.to_string()));
         Ok(NamedCamera::pinhole(name, camera.checked()?))

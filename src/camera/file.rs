@@ -113,7 +113,7 @@ impl Camera {
     /// # Errors
     /// As for [`Camera::checked`].
     pub fn checked_as_given(self) -> Result<Self> {
-        let Self { position, rotation, focal_px, centre_px, size_px } = &self;
+        let Self { position, rotation, focal_px, centre_px, size_px, lens: _ } = &self;
         ensure!(
             size_px.iter().all(|side| (1..=MAX_SIDE).contains(side)),
             "its size {}x{} is not from 1 to {MAX_SIDE} pixels",

@@ -7,6 +7,7 @@
 //! - `dataparser` - `dataparser_transforms.json` of nerfstudio: from its `transforms.json` to the scene
 //! - `colmap` - sparse models of COLMAP
 //! - `lens` - lenses other than pinholes: where they see a direction, and the way back
+//! - `footprint` - the directions that a pixel of a lens covers
 //! - `distortion` - notices of lenses that are drawn as pinholes
 //! - `path` - scripted paths: orbit, turn on the spot, keyframes
 //! - `timeline` - a path of timed keys, and the smooth motion through them
@@ -21,6 +22,7 @@ pub mod control;
 mod dataparser;
 mod distortion;
 mod file;
+mod footprint;
 mod lens;
 mod nerfstudio_path;
 pub mod path;
@@ -30,11 +32,14 @@ mod timeline;
 mod transforms_json;
 mod up;
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec2, DVec3};
 
 pub use cameras_json::{from_json, to_json, write};
 pub use control::{FIELDS_OF_VIEW, GLIDE_SECONDS, Navigator};
 pub use file::{CameraFile, NamedCamera, Split};
+pub use footprint::Footprints;
 pub use lens::{FTheta, InPixels, Lens};
 pub use read::{find, read, read_at};
 pub use timeline::{Key, Timeline};
@@ -46,7 +51,7 @@ pub const MAX_SIDE: u32 = 65536;
 /// Largest coordinate of a position in world units. Beyond it, no scene can be drawn in 32-bit floats.
 pub const MAX_POSITION: f64 = 1e30;
 
-/// A pinhole camera. View axes are COLMAP's: x right, y down, z forward. A pixel is sampled at its centre:
+/// A camera: a pinhole, or one with a lens. View axes are COLMAP's: x right, y down, z forward. A pixel is sampled at its centre:
 /// pixel (i, j) at (i + 0.5, j + 0.5).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
@@ -54,31 +59,58 @@ pub struct Camera {
     pub position: DVec3,
     /// World to view: the rows are right, down and forward in world axes.
     pub rotation: DMat3,
-    /// Focal lengths in pixels.
+    /// Focal lengths in pixels; of a sphere in pixels per radian, of a parallel lens in pixels per world unit.
     pub focal_px: DVec2,
     /// Principal point in pixels from the top left corner.
     pub centre_px: DVec2,
     /// Width and height.
     pub size_px: [u32; 2],
+    /// The lens; none for a pinhole.
+    pub lens: Option<Arc<Lens>>,
 }
 
 impl Camera {
     /// The same view in an image of another shape. The horizontal field of view stays, pixels become square, and the
     /// direction seen by the middle of the image stays: a principal point off the middle keeps its angle to it, a
-    /// central one stays central. At its own size a camera is unchanged.
+    /// central one stays central. At its own size a camera is unchanged, and a sphere keeps all directions.
     pub fn resized(&self, size_px: [u32; 2]) -> Self {
         if size_px == self.size_px {
             return self.clone();
+        }
+        if self.lens.as_ref().is_some_and(|lens| lens.is_sphere()) {
+            return self.sampled(size_px);
         }
         let focal = self.focal_px.x * f64::from(size_px[0]) / f64::from(self.size_px[0]);
         let aside = (self.centre_px - centre(self.size_px)) / self.focal_px;
         Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px) + aside * focal, size_px, ..self.clone() }
     }
 
-    /// Where a point of the world is seen, in pixels, and its view z. `None` if it is not before the camera.
+    /// Where a point of the world is seen, in pixels, and its [depth](Self::depth). `None` if it is not before a pinhole
+    /// or outside the domain of the lens.
     pub fn projected(&self, world: DVec3) -> Option<(DVec2, f64)> {
         let seen = self.view(world);
-        (seen.z > 0.0).then(|| (seen.truncate() / seen.z * self.focal_px + self.centre_px, seen.z))
+        let plane = match &self.lens {
+            None => (seen.z > 0.0).then(|| seen.truncate() / seen.z),
+            Some(lens) => lens.plane(seen),
+        };
+        Some((plane? * self.focal_px + self.centre_px, self.depth(seen)))
+    }
+
+    /// The depth of a point in view axes, in world units: z of a pinhole and of a parallel lens, the distance from the
+    /// camera for other lenses, which also see what has no z ahead.
+    pub fn depth(&self, view: DVec3) -> f64 {
+        if self.lens.as_ref().is_none_or(|lens| lens.is_parallel()) { view.z } else { view.length() }
+    }
+
+    /// The ray of a place in pixels, in view axes: a direction of length 1, or of depth 1 for a pinhole. The rays of a
+    /// parallel lens differ in their origins: (x, y, 1) is the ray along z through (x, y). `None` if nothing is seen
+    /// there.
+    pub fn ray(&self, place_px: DVec2) -> Option<DVec3> {
+        let plane = (place_px - self.centre_px) / self.focal_px;
+        match &self.lens {
+            Some(lens) if !lens.is_parallel() => lens.direction(plane),
+            _ => Some(plane.extend(1.0)),
+        }
     }
 
     /// True if a point of the world is seen inside the image.
@@ -87,9 +119,12 @@ impl Camera {
         self.projected(world).is_some_and(|(at, _)| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all())
     }
 
-    /// The point in world units that is seen at a place in pixels, at this view z.
+    /// The point in world units that is seen at a place in pixels, at this [depth](Self::depth): NaN where a lens sees
+    /// nothing.
     pub fn unprojected(&self, place_px: DVec2, depth: f64) -> DVec3 {
-        let point_view = ((place_px - self.centre_px) / self.focal_px).extend(1.0) * depth;
+        let ray = self.ray(place_px).unwrap_or(DVec3::NAN);
+        let is_parallel = self.lens.as_ref().is_some_and(|lens| lens.is_parallel());
+        let point_view = if is_parallel { ray.truncate().extend(depth) } else { ray * depth };
         self.position + self.rotation.transpose() * point_view
     }
 
@@ -121,6 +156,7 @@ impl Camera {
             focal_px: DVec2::splat(focal),
             centre_px: centre(size_px),
             size_px,
+            lens: None,
         }
     }
 

@@ -72,7 +72,14 @@ impl Frame {
         let column = |i: usize| DVec3::new(m[i], m[4 + i], m[8 + i]);
         let rotation = DMat3::from_cols(column(0), -column(1), -column(2)).transpose();
         let focal = f64::from(size_px[1]) / 2.0 / (fov.to_radians() / 2.0).tan();
-        Camera { position: column(3), rotation, focal_px: DVec2::splat(focal), centre_px: centre(size_px), size_px }
-            .checked()
+        Camera {
+            position: column(3),
+            rotation,
+            focal_px: DVec2::splat(focal),
+            centre_px: centre(size_px),
+            size_px,
+            lens: None,
+        }
+        .checked()
     }
 }

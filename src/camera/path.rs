@@ -73,6 +73,7 @@ pub(super) fn mixed(from: &Camera, to: &Camera, t: f64) -> Camera {
         focal_px: from.focal_px.lerp(to.focal_px, t),
         centre_px: from.centre_px.lerp(to.centre_px, t),
         size_px: from.size_px,
+        lens: from.lens.clone(),
     }
 }
 

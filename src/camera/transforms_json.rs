@@ -97,7 +97,7 @@ impl Frame<'_> {
             let [x, y] = [self.number("cx")?, self.number("cy")?];
             [self.focal_px(size_px)?, DVec2::new(x.unwrap_or(middle.x), y.unwrap_or(middle.y))]
         };
-        let camera = Camera { position, rotation, focal_px, centre_px, size_px }.checked()?;
+        let camera = Camera { position, rotation, focal_px, centre_px, size_px, lens: None }.checked()?;
         let name = name.map_or_else(|| index.to_string(), |name| plain(name).to_owned());
         Ok(NamedCamera { name, camera, lens: lens.map(Arc::new) })
     }

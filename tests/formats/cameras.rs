@@ -49,6 +49,7 @@ pub(super) fn expected() -> Vec<Expected> {
             focal_px: DVec2::new(number(13), number(14)),
             centre_px: DVec2::new(number(15), number(16)),
             size_px: [number(17) as u32, number(18) as u32],
+            lens: None,
         };
         let named = NamedCamera::pinhole(cells[0].to_owned(), camera);
         Expected { named, model: cells[19].to_owned(), corner_px: number(20) }

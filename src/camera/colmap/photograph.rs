@@ -28,7 +28,8 @@ impl Photograph {
         ensure!(length > 0.0 && length.is_finite(), "its quaternion {w:?} {x:?} {y:?} {z:?} is no rotation");
         let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
         let position = -(rotation.transpose() * DVec3::from(self.translation));
-        let camera = Camera { position, rotation, focal_px: *focal_px, centre_px: *centre_px, size_px: *size_px };
+        let (focal_px, centre_px, size_px) = (*focal_px, *centre_px, *size_px);
+        let camera = Camera { position, rotation, focal_px, centre_px, size_px, lens: None };
         Ok(NamedCamera { name: self.name.clone(), camera: camera.checked()?, lens: lens.clone() })
     }
 }

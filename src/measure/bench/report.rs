@@ -198,10 +198,13 @@ pub fn image_hash(pixels: &Pixels) -> String {
 /// BLAKE3 of cameras.
 pub fn views_hash(views: &[Camera]) -> String {
     let mut hasher = blake3::Hasher::new();
-    for Camera { position, rotation, focal_px, centre_px, size_px } in views {
+    for Camera { position, rotation, focal_px, centre_px, size_px, lens } in views {
         hasher.update(bytemuck::bytes_of(position)).update(bytemuck::bytes_of(rotation));
         hasher.update(bytemuck::bytes_of(focal_px)).update(bytemuck::bytes_of(centre_px));
         hasher.update(bytemuck::bytes_of(size_px));
+        if let Some(lens) = lens {
+            hasher.update(format!("{lens:?}").as_bytes());
+        }
     }
     hasher.finalize().to_hex().to_string()
 }
