@@ -30,23 +30,36 @@ layout(push_constant, scalar) uniform Push {
     uint last_pass;    // 1: finish the pixels
 } push;
 
-#include "portable/blend_pixel.glsl"
-
 shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
 shared vec4 staged_colour[WORKGROUP];  // colour, and the falloff beyond which the splat is not drawn
-shared uint stopped_subgroups;
 
-// The even bits of a byte, packed: one coordinate of a Morton index.
-uint even_bits(uint i) {
-    return (i & 1) | (i >> 1 & 2) | (i >> 2 & 4) | (i >> 3 & 8);
+#define SPLAT Splat
+#define PLACE vec2  // px
+
+PLACE place_of(uvec2 pixel) {
+    return vec2(pixel) + 0.5;
 }
 
-// True if staged splat `i` may reach a pixel centre in the box from `low` to `high` (px). The test is exact, apart from
-// a slack for rounding: the least falloff in the box lies at the mean or on one of the two sides that face it.
-bool reaches(uint i, vec2 low, vec2 high) {
+bool sees(PLACE centre) {
+    return true;
+}
+
+// The pixel centres of a subgroup lie in a box (px).
+struct Block {
+    vec2 low;
+    vec2 high;
+};
+
+Block block_of(PLACE centre, bool inside) {
+    return Block(subgroupBroadcast(centre, 0), subgroupBroadcast(centre, gl_SubgroupSize - 1));
+}
+
+// True if staged splat `i` may reach a pixel centre in the box. The test is exact, apart from a slack for rounding: the
+// least falloff in the box lies at the mean or on one of the two sides that face it.
+bool reaches(uint i, Block block) {
     vec3 factor = staged_weight[i].xyz;
-    vec2 from = low - staged_mean[i], to = high - staged_mean[i];
+    vec2 from = block.low - staged_mean[i], to = block.high - staged_mean[i];
     vec2 near = clamp(vec2(0.0), from, to);
     float best_y = -factor.x * factor.y / (factor.y * factor.y + factor.z * factor.z) * near.x;
     float best_x = -factor.y / factor.x * near.y;
@@ -66,93 +79,8 @@ void stage(Splat splat) {
     staged_colour[lane()] = colour_and_limit(splat);
 }
 
-// The `place`-th tile in the order of the classes, which begins with the longest lists.
-uint next_tile(uint place) {
-    for (uint c = 0; c < TILE_CLASSES; c++) {
-        uint count = totals.tiles_in_class[c];
-        if (place < count) return tiles_by_class[c * push.tiles + place];
-        place -= count;
-    }
-    return 0;  // unreachable: every tile is in a class
+bool blend_staged(uint i, PLACE centre, inout vec3 colour, inout float transmittance) {
+    return blend_splat(staged_mean[i], staged_weight[i], staged_colour[i], centre, colour, transmittance);
 }
 
-// Adds the counts of this subgroup to `totals`. All are sums of integers: order does not matter.
-void count_work(uint evaluations, uint walked, bool opaque, bool has_list) {
-    uint sum = subgroupAdd(evaluations), slots = subgroupAdd(walked), pixels = subgroupAdd(uint(opaque));
-    if (subgroupElect()) {
-        uint before = atomicAdd(totals.evaluations_low, sum);
-        if (before + sum < before) atomicAdd(totals.evaluations_high, 1);
-        before = atomicAdd(totals.walked_low, slots);
-        if (before + slots < before) atomicAdd(totals.walked_high, 1);
-        atomicAdd(totals.stopped_pixels, pixels);
-        if (has_list && gl_SubgroupID == 0) atomicAdd(totals.listed_tiles, 1);
-    }
-}
-
-void main() {
-    if (workgroup() >= push.tiles) return;
-    uint tile = next_tile(workgroup());
-    uint tiles_x = div_up(push.size_px.x, TILE);
-    uvec2 corner = uvec2(tile % tiles_x, tile / tiles_x) * TILE;
-    // Morton order gives a subgroup of any size a compact block: 4x2 pixels for 8, 8x4 for 32, 8x8 for 64.
-    uvec2 pixel = corner + uvec2(even_bits(lane()), even_bits(lane() >> 1));
-    vec2 centre = vec2(pixel) + 0.5;
-    vec2 block_low = subgroupBroadcast(centre, 0);
-    vec2 block_high = subgroupBroadcast(centre, gl_SubgroupSize - 1);
-
-    bool inside = all(lessThan(pixel, push.size_px));
-    vec4 state = begin_pixel(pixel, inside);
-    vec3 colour = state.rgb;
-    float transmittance = abs(state.a);
-    bool stopped = !inside || state.a < 0.0;
-
-    uvec2 list = ranges[tile];
-    if (lane() == 0) {
-        stopped_subgroups = 0;
-        atomicMax(totals.longest_list, list.y - list.x);  // a maximum: order does not matter
-    }
-    uint begin = list.x + min(push.pass_begin, list.y - list.x);
-    uint end = begin + min(push.pass_limit, list.y - begin);
-    bool subgroup_stopped = false;
-    uint evaluations = 0, walked = 0;
-    // Splats are loaded one batch ahead and their ids two, so that the loads run while a batch is blended.
-    Splat ahead;
-    uint id_ahead = 0;
-    if (begin + lane() < end) ahead = splats[splat_ids[begin + lane()]];
-    if (begin + WORKGROUP + lane() < end) id_ahead = splat_ids[begin + WORKGROUP + lane()];
-    for (uint batch = begin; batch < end; batch += WORKGROUP) {
-        // All lanes are done with the last batch. No lane stops before the next barrier, so all take the same branch.
-        barrier();
-        if (stopped_subgroups == gl_NumSubgroups) break;
-        stage(ahead);
-        barrier();
-        uint following = batch + WORKGROUP + lane();
-        if (following < end) ahead = splats[id_ahead];
-        if (following + WORKGROUP < end) id_ahead = splat_ids[following + WORKGROUP];
-        uint count = min(WORKGROUP, end - batch);
-        for (uint first = 0; first < count && !subgroup_stopped; first += gl_SubgroupSize) {
-            uint mine = first + gl_SubgroupInvocationID;
-            uvec4 reaching =
-                subgroupBallot(mine < count && (!CULL_PIXEL_BLOCKS || reaches(mine, block_low, block_high)));
-            for (uint w = 0; w < BALLOT_WORDS; w++) {
-                for (uint word = reaching[w]; word != 0; word &= word - 1) {
-                    uint i = first + 32 * w + findLSB(word);
-                    if (COUNT) {
-                        walked++;
-                        evaluations += uint(!stopped);
-                    }
-                    if (!stopped) {
-                        stopped = blend_splat(
-                            staged_mean[i], staged_weight[i], staged_colour[i], centre, colour, transmittance);
-                    }
-                }
-            }
-            if (!any_in(subgroupBallot(!stopped))) {
-                subgroup_stopped = true;
-                if (subgroupElect()) atomicAdd(stopped_subgroups, 1);  // a count: order does not matter
-            }
-        }
-    }
-    if (COUNT) count_work(evaluations, walked, inside && stopped && push.last_pass == 1, list.y > list.x && !RESUME);
-    if (inside) end_pixel(pixel, vec3(colour), float(transmittance), stopped);
-}
+#include "portable/blend_tile.glsl"

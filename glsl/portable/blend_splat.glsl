@@ -28,11 +28,10 @@ float alpha_at(float opacity, float fall) {
     return alpha;
 }
 
-// Blends a splat into a pixel. Returns true if the pixel stops. `weight`: factor, opacity; `look`: colour and limit.
-bool blend_splat(vec2 mean, vec4 weight, vec4 look, vec2 pixel, inout vec3 colour, inout float transmittance) {
-    float fall = falloff(weight.xyz, pixel - mean);
+// Blends a splat with this falloff into a pixel. Returns true if the pixel stops. `look`: colour and falloff limit.
+bool blend_falloff(float fall, float opacity, vec4 look, inout vec3 colour, inout float transmittance) {
     if (!(fall <= look.w)) return false;
-    float alpha = alpha_at(weight.w, fall);
+    float alpha = alpha_at(opacity, fall);
     precise float rest = transmittance * (1.0 - alpha);
     if (rest < TRANSMITTANCE_MIN) return true;
     precise float share = alpha * transmittance;
@@ -40,4 +39,9 @@ bool blend_splat(vec2 mean, vec4 weight, vec4 look, vec2 pixel, inout vec3 colou
     colour = added;
     transmittance = rest;
     return STOP > 0.0 && rest < STOP;
+}
+
+// Blends a splat into a pixel, likewise. `weight`: factor, opacity.
+bool blend_splat(vec2 mean, vec4 weight, vec4 look, vec2 pixel, inout vec3 colour, inout float transmittance) {
+    return blend_falloff(falloff(weight.xyz, pixel - mean), weight.w, look, colour, transmittance);
 }

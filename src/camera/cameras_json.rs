@@ -147,7 +147,7 @@ impl Entry {
             lens: None,
         };
         let name = self.img_name.unwrap_or_else(|| self.id.map_or_else(|| index.to_string(), |id| id.to_string()));
-        Ok(NamedCamera::pinhole(name, camera.checked()?))
+        Ok(NamedCamera::new(name, camera.checked()?))
     }
 }
 
@@ -226,7 +226,7 @@ mod tests {
             let centre_px =
                 if i.is_multiple_of(2) { camera.centre_px } else { DVec2::new(random() * 999.0, -random()) };
             let name = format!("view \"{i}\"\n");
-            NamedCamera::pinhole(name, Camera { centre_px, focal_px: camera.focal_px * random(), ..camera })
+            NamedCamera::new(name, Camera { centre_px, focal_px: camera.focal_px * random(), ..camera })
         };
         (0..1000).map(one).collect()
     }

@@ -1,9 +1,8 @@
-//! What the pictures of cameras with lenses lack while all cameras are drawn as pinholes: the notices of a file.
+//! Notices of the lenses of a file's cameras: how the pictures of pinholes differ from theirs, and where lenses end.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
 use glam::DVec2;
 
 use super::{Camera, Lens, NamedCamera};
@@ -11,8 +10,10 @@ use super::{Camera, Lens, NamedCamera};
 /// Statistics of the cameras of a file that have lenses.
 #[derive(Default)]
 pub(super) struct Distortion {
-    models: BTreeSet<String>,
+    /// All cameras, and those with lenses.
+    of: usize,
     cameras: usize,
+    models: BTreeSet<String>,
     /// Largest shift of a corner of a pinhole.
     farthest_px: f64,
     /// Corners whose rays, as those of a pinhole, no lens sees.
@@ -45,14 +46,15 @@ struct Picture {
 const SAMPLES: u32 = 64;
 
 impl Distortion {
-    /// Takes a camera into the statistics.
-    ///
-    /// # Errors
-    /// If it cannot be drawn as a pinhole.
-    pub fn add(&mut self, NamedCamera { camera, lens, .. }: &NamedCamera) -> Result<()> {
-        let Some(lens) = lens else { return Ok(()) };
-        let is_central = !lens.is_sphere() && !lens.is_parallel();
-        ensure!(is_central, "its camera model {} is not supported: no pinhole sees as much", lens.model());
+    /// Looks at the cameras of a file.
+    pub fn of(cameras: &[NamedCamera]) -> Self {
+        let mut distortion = Self { of: cameras.len(), ..Self::default() };
+        cameras.iter().for_each(|named| distortion.add(&named.camera));
+        distortion
+    }
+
+    fn add(&mut self, camera: &Camera) {
+        let Some(lens) = &camera.lens else { return };
         self.cameras += 1;
         if !self.models.contains(lens.model()) {
             self.models.insert(lens.model().to_owned());
@@ -71,7 +73,6 @@ impl Distortion {
             let [low, high] = ended.fields;
             ended.fields = [low.min(lens.field()), high.max(lens.field())];
         }
-        Ok(())
     }
 
     /// The picture of a camera. The cameras of a file mostly share one.
@@ -88,11 +89,25 @@ impl Distortion {
         picture
     }
 
-    /// The notices for a file with `of` cameras; none if all are pinholes.
-    pub fn notices(&self, of: usize) -> Vec<String> {
-        let Self { cameras, farthest_px, unseen_corners, .. } = self;
+    /// The notices where pictures are drawn through the lenses.
+    pub fn through_lenses(&self) -> Vec<String> {
+        let Self { of, cameras, .. } = self;
+        let through = (*cameras > 0).then(|| {
+            let drawn = "which are drawn along the rays of their pixels; --undistort draws pinholes";
+            format!("{cameras} of {of} cameras have lenses ({}), {drawn}", self.models())
+        });
+        through.into_iter().chain(self.ended.as_ref().map(Ended::notice)).collect()
+    }
+
+    fn models(&self) -> String {
+        self.models.iter().map(String::as_str).collect::<Vec<_>>().join(", ")
+    }
+
+    /// The notices where pictures are drawn as those of pinholes.
+    pub fn as_pinholes(&self) -> Vec<String> {
+        let Self { of, cameras, farthest_px, unseen_corners, .. } = self;
         let distorted = (*cameras > 0).then(|| {
-            let models = self.models.iter().map(String::as_str).collect::<Vec<_>>().join(", ");
+            let models = self.models();
             let is_off = *farthest_px > 0.0 || *unseen_corners == 0;
             let off = is_off.then(|| format!("corners up to {farthest_px:.1} px off"));
             let unseen = match unseen_corners {

@@ -1,11 +1,10 @@
 //! The content of a camera file: named cameras, splits, notices; and the check that a camera can be drawn with.
 
-use std::sync::Arc;
-
 use anyhow::{Result, ensure};
 use glam::DMat3;
 
-use super::{Camera, Lens, MAX_POSITION, MAX_SIDE};
+use super::distortion::Distortion;
+use super::{Camera, MAX_POSITION, MAX_SIDE};
 
 /// A camera with the name of its photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,14 +13,12 @@ pub struct NamedCamera {
     pub name: String,
     /// Its pose and intrinsics.
     pub camera: Camera,
-    /// Its lens; none for a pinhole.
-    pub lens: Option<Arc<Lens>>,
 }
 
 impl NamedCamera {
-    /// A camera without a lens.
-    pub fn pinhole(name: String, camera: Camera) -> Self {
-        Self { name, camera, lens: None }
+    /// A camera by this name.
+    pub fn new(name: String, camera: Camera) -> Self {
+        Self { name, camera }
     }
 }
 
@@ -62,6 +59,27 @@ impl CameraFile {
         let splits = self.splits.unwrap_or_else(|| by_name(&self.cameras));
         let cameras = self.cameras.into_iter().enumerate().zip(splits);
         cameras.filter(|(_, splits)| splits.contains(&split)).map(|(camera, _)| camera).collect()
+    }
+
+    /// The same cameras without their lenses: pinholes of the same poses. Notices say how their pictures differ.
+    ///
+    /// # Errors
+    /// If a lens sees what no pinhole does: all around, or along parallel rays.
+    pub fn into_pinholes(mut self) -> Result<Self> {
+        let distortion = Distortion::of(&self.cameras);
+        for NamedCamera { name, camera } in &mut self.cameras {
+            if let Some(lens) = camera.lens.take() {
+                let is_central = !lens.is_sphere() && !lens.is_parallel();
+                ensure!(is_central, "camera {name:?}: no pinhole sees what its model {} does", lens.model());
+            }
+        }
+        self.notices.splice(0..0, distortion.as_pinholes());
+        Ok(self)
+    }
+
+    /// What a user should know of the lenses of the cameras, a sentence each.
+    pub fn lens_notices(&self) -> Vec<String> {
+        Distortion::of(&self.cameras).through_lenses()
     }
 
     /// Both files joined, `other` after `self`. If only one of them names splits, the cameras of the other are in none.

@@ -77,7 +77,7 @@ impl Timeline {
 
     /// The cameras of the keys, with their numbers as names.
     pub(super) fn named(self) -> Vec<NamedCamera> {
-        let named = |(i, key): (usize, Key)| NamedCamera::pinhole(i.to_string(), key.camera);
+        let named = |(i, key): (usize, Key)| NamedCamera::new(i.to_string(), key.camera);
         self.keys.into_iter().enumerate().map(named).collect()
     }
 

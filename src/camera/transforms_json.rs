@@ -11,7 +11,6 @@ use image::ImageReader;
 use serde_json::{Map, Value};
 
 use super::dataparser::{self, Dataparser};
-use super::distortion::Distortion;
 use super::{Camera, CameraFile, Lens, MAX_SIDE, NamedCamera, Split, centre};
 
 /// Splits, their names in file names, and the member that lists their frames.
@@ -28,7 +27,6 @@ pub(super) fn parse(file: &Map<String, Value>, path: &Path, default_px: Option<[
     let frames = frames.context("is neither a cameras.json nor a transforms.json: it has no array `frames`")?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let placed = Dataparser::beside(folder, file)?;
-    let mut distortion = Distortion::default();
     let mut cameras: Vec<NamedCamera> = Vec::new();
     let mut is_k4_of_r8 = false;
     for (i, frame) in frames.iter().enumerate() {
@@ -36,17 +34,16 @@ pub(super) fn parse(file: &Map<String, Value>, path: &Path, default_px: Option<[
         let frame = Frame { own, file, default_px };
         let mut named = frame.camera(i, folder, placed.as_ref()).with_context(|| format!("frame {i}"))?;
         // Most frames have the lens of the frame before.
-        if let Some(last) = cameras.last().filter(|last| last.lens == named.lens) {
-            named.lens = last.lens.clone();
+        if let Some(last) = cameras.last().filter(|last| last.camera.lens == named.camera.lens) {
+            named.camera.lens = last.camera.lens.clone();
         }
-        distortion.add(&named).with_context(|| format!("frame {i}"))?;
         is_k4_of_r8 |= frame.is_k4_of_r8()?;
         cameras.push(named);
     }
     let splits = splits(file, path, &cameras)?;
     let moved = placed.map(|_| format!("the transform in {} is applied to the cameras", dataparser::FILE));
     let meaning = is_k4_of_r8.then(|| "k4 is the coefficient of r^8, as in nerfstudio, no denominator".to_owned());
-    let notices = distortion.notices(cameras.len()).into_iter().chain(meaning).chain(moved).collect();
+    let notices = meaning.into_iter().chain(moved).collect();
     Ok(CameraFile { splits, notices, cameras })
 }
 
@@ -97,9 +94,9 @@ impl Frame<'_> {
             let [x, y] = [self.number("cx")?, self.number("cy")?];
             [self.focal_px(size_px)?, DVec2::new(x.unwrap_or(middle.x), y.unwrap_or(middle.y))]
         };
-        let camera = Camera { position, rotation, focal_px, centre_px, size_px, lens: None }.checked()?;
+        let camera = Camera { position, rotation, focal_px, centre_px, size_px, lens: lens.map(Arc::new) }.checked()?;
         let name = name.map_or_else(|| index.to_string(), |name| plain(name).to_owned());
-        Ok(NamedCamera { name, camera, lens: lens.map(Arc::new) })
+        Ok(NamedCamera::new(name, camera))
     }
 
     /// A number of the frame, or else of the file. Null counts as missing.

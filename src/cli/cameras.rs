@@ -3,16 +3,17 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::headings::{CAMERAS, MANY};
 use super::scenes::SceneArg;
 use super::values::whole;
 use super::{Usage, numbers, remark};
-use crate::camera::{self, Camera, MAX_POSITION, NamedCamera, Split, Timeline, Up};
+use crate::camera::{self, Camera, CameraFile, Lens, MAX_POSITION, NamedCamera, Split, Timeline, Up};
 use crate::procedural::{Procedural, TownPath};
 use crate::scene::{Focus, Unreadable};
 
@@ -47,8 +48,9 @@ pub(super) struct Numbered {
 impl SplitArg {
     /// Reads the cameras of the split. Those whose size is nowhere stated get the size `default_px`. Prints the notices
     /// of the reader to stderr.
-    pub fn read(&self, file: &Path, default_px: Option<[u32; 2]>) -> Result<Numbered> {
-        let read = camera::read_at(file, default_px).map_err(|problem| Unreadable::new(file, &problem))?;
+    pub fn read(&self, file: &Path, default_px: Option<[u32; 2]>, lens: &LensArgs) -> Result<Numbered> {
+        let read = camera::read_at(file, default_px).and_then(|read| lens.applied(read));
+        let read = read.map_err(|problem| Unreadable::new(file, &problem))?;
         for notice in &read.notices {
             remark(&format!("note: {}: {notice}", file.display()));
         }
@@ -83,12 +85,13 @@ pub(super) fn named_or_found(
     scene: &SceneArg,
     split: &SplitArg,
     default_px: Option<[u32; 2]>,
+    lens: &LensArgs,
 ) -> Result<Option<(PathBuf, Numbered)>> {
     if let Some(named) = named {
-        return Ok(Some((named.to_owned(), split.read(named, default_px)?)));
+        return Ok(Some((named.to_owned(), split.read(named, default_px, lens)?)));
     }
     let Some(found) = scene.path().and_then(|path| camera::find(&path)) else { return Ok(None) };
-    match split.read(&found, default_px) {
+    match split.read(&found, default_px, lens) {
         Ok(cameras) => {
             remark(&format!("note: cameras of {}", found.display()));
             Ok(Some((found, cameras)))
@@ -101,6 +104,85 @@ pub(super) fn named_or_found(
             Err(problem) => Err(problem),
         },
     }
+}
+
+/// The lenses of cameras.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(super) struct LensArgs {
+    /// The lens of all cameras, like FISHEYE or OPENCV_FISHEYE:0.01,-0.002,0,0
+    ///
+    /// A model of COLMAP with the numbers that follow its focal lengths and principal point, which stay those of the
+    /// camera; ORTHOGRAPHIC; EQUIRECTANGULAR, which fills the picture; or PINHOLE. The default is the lens of the file.
+    /// docs/cameras.md has all models.
+    #[arg(long, help_heading = CAMERAS, value_name = "MODEL[:K,...]", value_parser = parse_lens)]
+    #[arg(conflicts_with = "undistort", allow_hyphen_values = true)]
+    lens: Option<NamedLens>,
+    /// Draw cameras with lenses as pinholes of the same poses
+    #[arg(long, help_heading = CAMERAS)]
+    undistort: bool,
+}
+
+/// A lens of the command line; none for a pinhole.
+#[derive(Clone, Debug)]
+struct NamedLens(Option<Arc<Lens>>);
+
+impl LensArgs {
+    /// All cameras are pinholes.
+    pub fn pinholes() -> Self {
+        Self { lens: None, undistort: true }
+    }
+
+    /// The cameras of a file with their lenses, with those of the command line, or as pinholes.
+    fn applied(&self, mut read: CameraFile) -> Result<CameraFile> {
+        if self.undistort {
+            return read.into_pinholes();
+        }
+        read.cameras.iter_mut().for_each(|named| self.apply(&mut named.camera));
+        let notices = read.lens_notices();
+        read.notices.splice(0..0, notices);
+        Ok(read)
+    }
+
+    /// Gives a camera the lens of the command line, if there is one.
+    pub fn apply(&self, camera: &mut Camera) {
+        let Some(NamedLens(lens)) = &self.lens else { return };
+        if lens.as_ref().is_some_and(|lens| lens.is_sphere()) {
+            [camera.focal_px, camera.centre_px] = Lens::sphere_px(DVec2::from(camera.size_px.map(f64::from)));
+        }
+        camera.lens.clone_from(lens);
+    }
+
+    /// The camera of `--eye` with the lens of the command line and this horizontal field of view. A parallel lens sees
+    /// what the pinhole sees at `distance`.
+    fn seeing(&self, pinhole: Camera, fov: f64, distance: f64) -> Result<Camera, Usage> {
+        let half_width = f64::from(pinhole.size_px[0]) / 2.0;
+        let mut camera = pinhole;
+        self.apply(&mut camera);
+        let Some(lens) = camera.lens.as_ref().filter(|lens| !lens.is_sphere()) else {
+            let is_possible = camera.lens.is_some() || fov <= WIDEST_PINHOLE;
+            let why = || Usage(format!("--fov {fov}: a pinhole sees at most {WIDEST_PINHOLE} degrees: see --lens"));
+            return is_possible.then_some(camera).ok_or_else(why);
+        };
+        if lens.is_parallel() {
+            camera.focal_px /= distance;
+            return Ok(camera);
+        }
+        let (sin, cos) = (fov.to_radians() / 2.0).sin_cos();
+        let edge = lens.plane(DVec3::new(sin, 0.0, cos)).ok_or_else(|| {
+            let widest = 2.0 * lens.field().to_degrees();
+            Usage(format!("--fov {fov}: the lens {} sees less than {widest:.1} degrees", lens.model()))
+        })?;
+        camera.focal_px = DVec2::splat(half_width / edge.x);
+        Ok(camera)
+    }
+}
+
+fn parse_lens(text: &str) -> Result<NamedLens> {
+    let (model, parameters) = text.split_once(':').unwrap_or((text, ""));
+    let number = |text: &str| text.trim().parse::<f64>().with_context(|| format!("{text:?} is not a number"));
+    let parameters =
+        parameters.split(',').filter(|_| !parameters.is_empty()).map(number).collect::<Result<Vec<_>>>()?;
+    Ok(NamedLens(Lens::named(&model.to_uppercase(), &parameters)?.map(Arc::new)))
 }
 
 /// A camera by its place, instead of one of a camera file.
@@ -119,11 +201,16 @@ pub(super) struct EyeArgs {
     #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
     camera_up: Option<DVec3>,
     /// Horizontal field of view of --eye, in degrees [default: 50]
+    ///
+    /// Up to 179, or what --lens sees.
     #[arg(long, help_heading = CAMERAS, value_name = "DEGREES", value_parser = parse_angle)]
     fov: Option<f64>,
 }
 
 const DEFAULT_FOV: f64 = 50.0;
+
+/// Degrees.
+const WIDEST_PINHOLE: f64 = 179.0;
 
 /// Sine of the angle below which two directions count as parallel: the rounding of decimal coordinates.
 const PARALLEL: f64 = 1e-6;
@@ -144,7 +231,12 @@ impl EyeArgs {
     ///
     /// # Errors
     /// If `--camera-up` is parallel to the view direction.
-    pub fn camera(&self, focus: impl FnOnce() -> Focus, size_px: [u32; 2]) -> Result<Option<(Camera, f32)>, Usage> {
+    pub fn camera(
+        &self,
+        focus: impl FnOnce() -> Focus,
+        size_px: [u32; 2],
+        lens: &LensArgs,
+    ) -> Result<Option<(Camera, f32)>, Usage> {
         let Some(eye) = self.eye else { return Ok(None) };
         let target = self.target.unwrap_or_else(|| DVec3::from(focus().centre));
         let up = self.camera_up.unwrap_or_else(|| Up::default().vector());
@@ -153,9 +245,11 @@ impl EyeArgs {
             let why = "is parallel to the view direction, so no direction of the picture can point there";
             return Err(Usage(format!("--camera-up {},{},{} {why}", up.x, up.y, up.z)));
         }
-        let fov = self.fov.unwrap_or(DEFAULT_FOV).to_radians();
+        let fov = self.fov.unwrap_or(DEFAULT_FOV);
         let distance = eye.distance(target).max(f64::from(f32::MIN_POSITIVE));
-        Ok(Some((Camera::looking_upright([eye, target], up, size_px, fov), (distance / 100.0) as f32)))
+        let pinhole = Camera::looking_upright([eye, target], up, size_px, fov.min(WIDEST_PINHOLE).to_radians());
+        let camera = lens.seeing(pinhole, fov, distance)?;
+        Ok(Some((camera, (distance / 100.0) as f32)))
     }
 }
 
@@ -168,8 +262,8 @@ fn parse_point(text: &str) -> Result<DVec3> {
 
 fn parse_angle(text: &str) -> Result<f64> {
     match text.parse() {
-        Ok(degrees) if (0.01..=179.0).contains(&degrees) => Ok(degrees),
-        _ => bail!("expected degrees from 0.01 to 179"),
+        Ok(degrees) if (0.01..=360.0).contains(&degrees) => Ok(degrees),
+        _ => bail!("expected degrees from 0.01 to 360"),
     }
 }
 
@@ -248,7 +342,7 @@ pub(super) fn along_path(
         let which = format!("{seconds} s of {} at {fps} frames per second", file.display());
         return Err(Usage(format!("--path: {which} are {count} frames, over {MAX_FRAMES}")).into());
     }
-    let named = |(i, camera)| NamedCamera::pinhole(format!("frame {i}"), camera);
+    let named = |(i, camera)| NamedCamera::new(format!("frame {i}"), camera);
     Ok((frames.enumerate().map(named).collect(), fps))
 }
 
@@ -266,7 +360,7 @@ pub(super) fn town_cameras(
     let name = path.name();
     let views = views.ok_or_else(|| Usage(format!("--path {name} is a path of the town, and the scene is another")))?;
     let cameras = camera::path::looking(&views, size_px).into_iter().enumerate();
-    Ok(cameras.map(|(i, camera)| NamedCamera::pinhole(format!("{name} {i}"), camera)).collect())
+    Ok(cameras.map(|(i, camera)| NamedCamera::new(format!("{name} {i}"), camera)).collect())
 }
 
 /// The largest distance of the near plane in the town, metres.

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use comfy_table::Cell;
 
-use super::cameras::{SplitArg, named_or_found};
+use super::cameras::{LensArgs, SplitArg, named_or_found};
 use super::convert::{Target, formats, say_file, say_loss, write_pages, write_scene};
 use super::devices::DeviceArgs;
 use super::headings::{CAMERAS, OUTPUT, REPORTS};
@@ -17,7 +17,7 @@ use super::sink::Sink;
 use super::table::{say_table, table};
 use super::values::whole;
 use super::{Usage, complain, one_of, progress, say, values};
-use crate::camera::{self, Camera};
+use crate::camera::{self, Camera, CameraFile};
 use crate::formats::written_labels;
 use crate::gpu::Device;
 use crate::measure::bench::{SceneReport, VersionReport};
@@ -166,14 +166,17 @@ fn limit(args: &Args) -> Result<Limit, Usage> {
 
 /// The given views and the other cameras of the file, at the size that is drawn.
 fn views(args: &Args) -> Result<Views> {
-    let found = named_or_found(args.cameras.as_deref(), &args.scene, &args.split, args.size)?;
+    let found = named_or_found(args.cameras.as_deref(), &args.scene, &args.split, args.size, &LensArgs::pinholes())?;
     let (file, numbered) = found.ok_or_else(|| {
         Usage("prune needs views: no --cameras, and none found next to the scene or above it".to_owned())
     })?;
     let (mut given, _) = select_cameras(&numbered, &args.camera)?;
     given.sort_by_key(|chosen| chosen.index);
     given.dedup_by_key(|chosen| chosen.index);
-    let all = camera::read_at(&file, args.size).map_err(|problem| Unreadable::new(&file, &problem))?.cameras;
+    let all = camera::read_at(&file, args.size)
+        .and_then(CameraFile::into_pinholes)
+        .map_err(|problem| Unreadable::new(&file, &problem))?
+        .cameras;
     let resized = |camera: &Camera| args.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
     given.iter_mut().for_each(|chosen| chosen.camera = resized(&chosen.camera));
     let is_given = |index: &usize| given.binary_search_by_key(index, |chosen| chosen.index).is_ok();

@@ -56,6 +56,7 @@ mod path;
 mod path_choice;
 mod portable;
 mod prune;
+mod rays;
 mod readback;
 mod recorded;
 mod renderer;

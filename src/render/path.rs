@@ -15,6 +15,8 @@ pub enum Path {
     Portable,
     /// Needs subgroups of one known size. Splats are listed in bins.
     Fast,
+    /// Draws cameras with lenses, along the ray of every pixel. Splats are listed in tiles.
+    Rays,
 }
 
 impl fmt::Display for Path {
@@ -22,6 +24,7 @@ impl fmt::Display for Path {
         f.write_str(match self {
             Self::Portable => "portable",
             Self::Fast => "fast",
+            Self::Rays => "rays",
         })
     }
 }

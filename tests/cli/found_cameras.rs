@@ -58,7 +58,7 @@ fn a_near_plane_that_cuts_the_view_is_named_in_a_note() {
     // 1.5 cm high, seen from 8 cm away.
     ok(&["convert", "cactus:200", "--transform", "translate=0,1.2,0", "--transform", "scale=0.005", &scene]);
     let camera = Camera::looking_at(DVec3::new(0.0, 0.0, -0.08), DVec3::ZERO, [32, 24], 1.6);
-    camera::write(Path::new(&cameras), &[NamedCamera::pinhole("0".to_owned(), camera)]).unwrap();
+    camera::write(Path::new(&cameras), &[NamedCamera::new("0".to_owned(), camera)]).unwrap();
     let render = |more: &[&str]| notes(&[&["render", &scene, "--camera", "0", "-o", &out], more].concat());
     let said = render(&[]);
     let lies = "Gaussians in view lie between the camera and the near plane of 0.2; --near sets it";
@@ -99,7 +99,7 @@ fn a_camera_path_of_nerfstudio_is_drawn_frame_by_frame() {
     let focal = 9.0 / 20f64.to_radians().tan();
     for (number, x) in xs.iter().enumerate() {
         let view = |eye: DVec3| Camera::looking_at(eye, eye + DVec3::Z, [32, 18], 2.0 * (16.0 / focal).atan());
-        let camera = NamedCamera::pinhole(String::new(), view(DVec3::new(*x, -1.2, -5.0)));
+        let camera = NamedCamera::new(String::new(), view(DVec3::new(*x, -1.2, -5.0)));
         let (cameras, one) = (path(&folder, "one.json"), path(&folder, "one.png"));
         camera::write(Path::new(&cameras), &[camera]).unwrap();
         ok(&["render", "cactus:100", "--cameras", &cameras, "-o", &one]);

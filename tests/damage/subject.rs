@@ -156,7 +156,7 @@ fn others(subjects: &mut Subjects) {
     let shots: Vec<_> = camera::path::orbit(glam::DVec3::ZERO, 2.0, true, [64, 48], 5)
         .into_iter()
         .enumerate()
-        .map(|(i, camera)| NamedCamera::pinhole(format!("{i}.png"), camera))
+        .map(|(i, camera)| NamedCamera::new(format!("{i}.png"), camera))
         .collect();
     let path = subjects.folder.join("cameras.json");
     camera::write(&path, &shots).unwrap();

@@ -15,7 +15,7 @@ const SIZE: [u32; 2] = [32, 24];
 /// Twelve cameras whose images are numbered from 100 on, in a file.
 fn numbered(folder: &tempfile::TempDir) -> (String, Vec<NamedCamera>) {
     let one = |i: usize| {
-        NamedCamera::pinhole(
+        NamedCamera::new(
             format!("{}.jpg", 100 + i),
             Camera::looking_at(DVec3::new(i as f64 / 4.0 - 1.5, -1.5, -4.0), DVec3::new(0.0, -1.2, 0.0), SIZE, 1.0),
         )
@@ -185,7 +185,7 @@ fn a_camera_by_its_place_is_that_of_a_file() {
     let [position, target] = [DVec3::new(-1.0, -2.5, -3.0), DVec3::new(0.0, -1.2, 0.0)];
     let camera = Camera::looking_at(position, target, SIZE, 40_f64.to_radians());
     let file = path(&folder, "one.json");
-    camera::write(Path::new(&file), &[NamedCamera::pinhole(String::new(), camera)]).unwrap();
+    camera::write(Path::new(&file), &[NamedCamera::new(String::new(), camera)]).unwrap();
     for (name, by) in pictures {
         let by = if by.is_empty() { &["--cameras", &file][..] } else { by };
         let out = path(&folder, name);

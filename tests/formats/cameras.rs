@@ -51,7 +51,7 @@ pub(super) fn expected() -> Vec<Expected> {
             size_px: [number(17) as u32, number(18) as u32],
             lens: None,
         };
-        let named = NamedCamera::pinhole(cells[0].to_owned(), camera);
+        let named = NamedCamera::new(cells[0].to_owned(), camera);
         Expected { named, model: cells[19].to_owned(), corner_px: number(20) }
     };
     text.lines().skip(1).map(row).collect()
@@ -371,7 +371,7 @@ fn render_draws_the_frames_of_a_path() {
     assert!(command.contains("ffmpeg -framerate 4 -i "), "{command}");
     for (frame, camera) in timeline.frames(4.0).enumerate() {
         let (cameras, out) = (path(&folder, "one.json"), path(&folder, "one.png"));
-        camera::write(Path::new(&cameras), &[NamedCamera::pinhole(String::new(), camera)]).unwrap();
+        camera::write(Path::new(&cameras), &[NamedCamera::new(String::new(), camera)]).unwrap();
         ok(&["render", "cactus:300", "--cameras", &cameras, "-o", &out]);
         assert_eq!(fs::read(out).unwrap(), fs::read(format!("{film}/{frame:05}.png")).unwrap(), "frame {frame}");
     }

@@ -303,7 +303,7 @@ fn a_project_brings_everything_back() {
     let mut offscreen = editing(&gpu, &["cactus:1500", "few-large:50"]);
     let cameras = folder.path().join("cameras.json");
     let camera = Camera::looking_at(DVec3::new(1.0, -2.0, -5.0), DVec3::ZERO, [320, 240], 1.1);
-    smalto::camera::write(&cameras, &[smalto::camera::NamedCamera::pinhole("a".to_owned(), camera)]).unwrap();
+    smalto::camera::write(&cameras, &[smalto::camera::NamedCamera::new("a".to_owned(), camera)]).unwrap();
     offscreen.viewer().drop_file(&cameras);
     offscreen.settle().unwrap();
     let viewer = offscreen.viewer();

@@ -213,7 +213,7 @@ fn a_copied_view_is_restored_bit_for_bit() {
     offscreen.viewer().view.navigator.orbit(glam::DVec2::new(50.0, 0.0), SIZE);
     offscreen.viewer().paste_view(&copied);
     assert_eq!(offscreen.viewer().view.camera(), view);
-    camera::write(&file, &[NamedCamera::pinhole("view".to_owned(), view.clone())]).unwrap();
+    camera::write(&file, &[NamedCamera::new("view".to_owned(), view.clone())]).unwrap();
     offscreen.viewer().drop_file(&file);
     offscreen.settle().unwrap();
     assert_eq!(offscreen.viewer().view.camera(), view);

@@ -285,7 +285,7 @@ fn a_scene_after_the_last_one_is_framed() {
     let mut offscreen = open(&gpu, setup(&["few-large:50"]));
     let alone = offscreen.viewer().view.camera();
     let cameras = folder.path().join("cameras.json");
-    smalto::camera::write(&cameras, &[smalto::camera::NamedCamera::pinhole("a".to_owned(), alone.clone())]).unwrap();
+    smalto::camera::write(&cameras, &[smalto::camera::NamedCamera::new("a".to_owned(), alone.clone())]).unwrap();
     offscreen.viewer().drop_file(&cameras);
     offscreen.settle().unwrap();
     offscreen.viewer().view.navigator.orbit(DVec2::new(300.0, 40.0), SIZE);
@@ -307,7 +307,7 @@ fn the_next_camera_follows_the_last_one() {
     let cameras: Vec<_> = (0..5)
         .map(|i| {
             offscreen.viewer().view.navigator.orbit(DVec2::new(10.0, 0.0), SIZE);
-            smalto::camera::NamedCamera::pinhole(format!("{i}"), offscreen.viewer().view.camera())
+            smalto::camera::NamedCamera::new(format!("{i}"), offscreen.viewer().view.camera())
         })
         .collect();
     let file = folder.path().join("cameras.json");

@@ -323,7 +323,7 @@ fn the_nearest_camera_is_near_and_looks_the_same_way() {
     let away = Camera { position: here.position + 3.0 * here.right(), ..here.clone() };
     let back = Camera { rotation: DMat3::from_diagonal(dvec3(-1.0, 1.0, -1.0)) * here.rotation, ..here.clone() };
     let close = Camera { position: here.position + 0.5 * here.right(), ..here };
-    let cameras = [away.clone(), back.clone(), close].map(|camera| NamedCamera::pinhole(String::new(), camera));
+    let cameras = [away.clone(), back.clone(), close].map(|camera| NamedCamera::new(String::new(), camera));
     assert_eq!(hands.nearest(&cameras), Some(2));
     assert_eq!(hands.nearest(&cameras[..2]), Some(0), "behind is farther than beside");
     hands.snap(&back);

@@ -26,7 +26,7 @@ fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
     let pose = |(i, name): (usize, &str)| {
         let turn = glam::DQuat::from_axis_angle(DVec3::Y, 0.3 * (i as f64 + 1.0));
         let position = pivot + turn * (home.position - pivot) * 0.7;
-        NamedCamera::pinhole(format!("{name}.jpg"), Camera::looking_at(position, pivot, [96, 64], 1.0))
+        NamedCamera::new(format!("{name}.jpg"), Camera::looking_at(position, pivot, [96, 64], 1.0))
     };
     let cameras: Vec<NamedCamera> = ["a", "b", "c", "d"].into_iter().enumerate().map(pose).collect();
     camera::write(&folder.join("cameras.json"), &cameras).unwrap();

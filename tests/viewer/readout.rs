@@ -251,7 +251,7 @@ fn the_copied_command_draws_the_picture() {
     // At a camera of a file, it names the file.
     let file = folder.path().join("my cameras.json");
     let camera = offscreen.viewer().view.camera();
-    smalto::camera::write(&file, &[smalto::camera::NamedCamera::pinhole("a".to_owned(), camera)]).unwrap();
+    smalto::camera::write(&file, &[smalto::camera::NamedCamera::new("a".to_owned(), camera)]).unwrap();
     offscreen.viewer().drop_file(&file);
     offscreen.settle().unwrap();
     assert!(offscreen.viewer().command_line(Program::Bench).0.contains("my cameras.json"));

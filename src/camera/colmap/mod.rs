@@ -19,7 +19,6 @@ use anyhow::{Context, Result};
 use self::models::Intrinsics;
 use self::photograph::Photograph;
 use crate::camera::CameraFile;
-use crate::camera::distortion::Distortion;
 
 /// The two files of a model.
 struct Files {
@@ -106,12 +105,10 @@ fn largest(models: &[(u64, Files)]) -> Result<CameraFile> {
 }
 
 fn assembled(cameras: &HashMap<u32, Intrinsics>, photographs: Vec<Photograph>) -> Result<CameraFile> {
-    let mut distortion = Distortion::default();
     let mut named = Vec::with_capacity(photographs.len());
     for photograph in photographs {
-        let camera = photograph.seen_with(cameras).and_then(|camera| distortion.add(&camera).map(|()| camera));
+        let camera = photograph.seen_with(cameras);
         named.push(camera.with_context(|| photograph.name.escape_debug().to_string())?);
     }
-    let notices = distortion.notices(named.len());
-    Ok(CameraFile { cameras: named, splits: None, notices })
+    Ok(CameraFile { cameras: named, ..CameraFile::default() })
 }

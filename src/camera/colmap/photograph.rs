@@ -29,7 +29,7 @@ impl Photograph {
         let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
         let position = -(rotation.transpose() * DVec3::from(self.translation));
         let (focal_px, centre_px, size_px) = (*focal_px, *centre_px, *size_px);
-        let camera = Camera { position, rotation, focal_px, centre_px, size_px, lens: None };
-        Ok(NamedCamera { name: self.name.clone(), camera: camera.checked()?, lens: lens.clone() })
+        let camera = Camera { position, rotation, focal_px, centre_px, size_px, lens: lens.clone() };
+        Ok(NamedCamera::new(self.name.clone(), camera.checked()?))
     }
 }

@@ -12,7 +12,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 
 use crate::camera::Camera;
-use crate::cli::cameras::{EyeArgs, SplitArg};
+use crate::cli::cameras::{EyeArgs, LensArgs, SplitArg};
 use crate::cli::devices::{DevicesArgs, say_memory};
 use crate::cli::drawable::{Drawable, read_places};
 use crate::cli::headings::{ACCURACY, CAMERAS, LEVELS, MEASURING, REPORTS};
@@ -61,6 +61,8 @@ pub(super) struct Args {
     path: CameraPath,
     #[command(flatten)]
     eye: EyeArgs,
+    #[command(flatten)]
+    lens: LensArgs,
     /// Draw the scene at every place of a list (docs/side-files.md)
     ///
     /// The list is JSON like {"places": [{"position": [0, 0, 5], "rotation": [1, 0, 0, 0], "scale": 2}]}. All places
@@ -143,10 +145,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let devices = args.device.open()?;
     let device = devices[0].clone();
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
+    let lens = &args.lens;
     let cameras = match &args.cameras {
-        _ if args.eye.is_given()? => Cameras::at(args.eye, &args.split)?,
-        Some(file) => Cameras::of_file(file, args.split.read(file, Some(args.size[0]))?),
-        None => Cameras::along(&args.split, &args.path, args.size[0])?,
+        _ if args.eye.is_given()? => Cameras::at(args.eye, &args.split, lens)?,
+        Some(file) => Cameras::of_file(file, args.split.read(file, Some(args.size[0]), lens)?),
+        None => Cameras::along(&args.split, &args.path, args.size[0], lens)?,
     };
     let bench = Bench::new(&device, Protocol { warmup: args.warmup, frames: args.frames() })?;
     let bench = if args.frames.is_some() { bench } else { bench.patient(PATIENCE) };

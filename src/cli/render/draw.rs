@@ -300,7 +300,7 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         .map_or_else(String::new, |t| format!(", {:.2} ms on the device", t.duration_ms));
     let (visible, listed, files) = (totals.visible, totals.listed_kept, names(outputs));
     let unit = match frame.path {
-        Path::Portable => "instances",
+        Path::Portable | Path::Rays => "instances",
         Path::Fast => "entries",
     };
     let parts = frame.parts.filter(|p| p.slabs > 1 || p.pages_in_view > 0);

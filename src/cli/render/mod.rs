@@ -42,7 +42,7 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context, Result};
 
 use crate::cli::budget::BudgetArgs;
-use crate::cli::cameras::{EyeArgs, FilmArgs, SplitArg};
+use crate::cli::cameras::{EyeArgs, FilmArgs, LensArgs, SplitArg};
 use crate::cli::devices::{DevicesArgs, names_of, say_memory};
 use crate::cli::drawable::read_places;
 use crate::cli::headings::{ACCURACY, CAMERAS, LEVELS, MANY, OUTPUT, REPORTS};
@@ -138,6 +138,8 @@ pub(super) struct Args {
     split: SplitArg,
     #[command(flatten)]
     eye: EyeArgs,
+    #[command(flatten)]
+    lens: LensArgs,
     /// Draw the scene at every place of a list (docs/side-files.md)
     ///
     /// The list is JSON like {"places": [{"position": [0, 0, 5], "rotation": [1, 0, 0, 0], "scale": 2}]}. All places

@@ -49,7 +49,10 @@ pub(super) struct Source {
 
 /// The plan of a run, or of its shard. The scene is asked for only if cameras are made from it.
 pub(super) fn plan(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Plan> {
-    let Cameras { selected, is_list, nearest, fps } = cameras(args, focus)?;
+    let Cameras { mut selected, is_list, nearest, fps } = cameras(args, focus)?;
+    if !args.eye.is_given()? {
+        selected.iter_mut().for_each(|selected| args.lens.apply(&mut selected.camera));
+    }
     let file = video::file(args)?;
     let several = is_list || args.video.is_some();
     let outputs = if file.is_some() { Outputs::none() } else { Outputs::of(args, several)? };
@@ -135,11 +138,11 @@ fn cameras(args: &Args, focus: &dyn Fn() -> Result<Focus>) -> Result<Cameras> {
     };
     if args.eye.is_given()? {
         let focus = focus()?;
-        let (camera, nearest) = args.eye.camera(|| focus, size)?.context("a camera is given")?;
+        let (camera, nearest) = args.eye.camera(|| focus, size, &args.lens)?.context("a camera is given")?;
         args.split.check_no_file()?;
         return Ok(alone(camera, nearest));
     }
-    if let Some((_, all)) = named_or_found(args.cameras.as_deref(), &args.scene, &args.split, args.size)? {
+    if let Some((_, all)) = named_or_found(args.cameras.as_deref(), &args.scene, &args.split, args.size, &args.lens)? {
         let (selected, is_list) = match &args.camera {
             Some(wanted) => select_cameras(&all, wanted)?,
             None => {

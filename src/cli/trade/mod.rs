@@ -13,7 +13,7 @@ use clap::ValueEnum;
 use crate::camera::{Camera, path};
 use crate::cli::bench::{CameraPath, Cameras};
 use crate::cli::budget::BudgetArgs;
-use crate::cli::cameras::{SplitArg, named_or_found};
+use crate::cli::cameras::{LensArgs, SplitArg, named_or_found};
 use crate::cli::devices::DeviceArgs;
 use crate::cli::drawable::Drawable;
 use crate::cli::headings::{CAMERAS, MEASURING, REPORTS};
@@ -220,13 +220,15 @@ fn checked_parts(args: &Args, has_levels: bool) -> Result<Vec<Part>> {
 /// The views of the scene, and the largest distance of the near plane that they allow, in world units.
 fn views(args: &Args, focus: Focus) -> Result<(Vec<Camera>, f32)> {
     let found = match args.path {
-        None => named_or_found(args.cameras.as_deref(), &args.scene, &args.split, Some(args.size))?,
+        None => {
+            named_or_found(args.cameras.as_deref(), &args.scene, &args.split, Some(args.size), &LensArgs::pinholes())?
+        }
         Some(_) => None,
     };
     let count = if found.is_some() { usize::MAX } else { PATH_VIEWS };
     let path = args.path.as_ref().unwrap_or(&CameraPath::Orbit { zooms: true });
     let cameras = found.map_or_else(
-        || Cameras::along(&args.split, path, args.size),
+        || Cameras::along(&args.split, path, args.size, &LensArgs::pinholes()),
         |(file, numbered)| Ok(Cameras::of_file(&file, numbered)),
     )?;
     cameras.views((&|| focus, args.scene.town()?), args.size, count)

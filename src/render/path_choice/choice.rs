@@ -6,6 +6,7 @@ use anyhow::Result;
 
 use super::fast_engine::FastEngine;
 use super::portable_engine::PortableEngine;
+use super::rays_engine::RaysEngine;
 use crate::gpu::{Buffer, Commands, Device, Results};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
@@ -22,13 +23,16 @@ use crate::render::slabs::SlabbedFrame;
 use crate::render::streaming::PageStreamer;
 use crate::threads::{self, joined};
 
-/// The engines of both paths and the choice between them: the portable path draws everything, the fast path what the
-/// device and the options allow it to draw.
+/// The engines of the paths and the choice between them: the rays path draws cameras with lenses, the fast path what
+/// the device and the options allow it to draw, the portable path everything else.
 pub(crate) struct PathChoice {
     /// The options of the stages, with the LOD limits of the next frame.
     pub options: Options,
     portable: PortableEngine,
     fast: Option<FastEngine>,
+    /// Made for the first camera with a lens.
+    rays: Option<RaysEngine>,
+    variation: Variation,
     /// Selects the pages of a scene in pages.
     selector: Option<LodSelector>,
     /// Loads pages beside frames that do not wait for them.
@@ -66,6 +70,8 @@ impl PathChoice {
             options: *options,
             portable,
             fast,
+            rays: None,
+            variation,
             selector: scene.paged().map(|paged| LodSelector::new(device, scene, paged)).transpose()?,
             streamer: None,
             is_repeated: false,
@@ -144,6 +150,7 @@ impl PathChoice {
 
     /// Frees the buffers of both paths.
     pub fn release(&mut self, device: &Device) -> Result<()> {
+        self.rays = None;
         self.portable.release(device)?;
         self.fast.as_mut().map_or(Ok(()), |fast| fast.release(device))
     }
@@ -151,14 +158,16 @@ impl PathChoice {
     /// The name and the bytes of every buffer.
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let fast = self.fast.iter().flat_map(|fast| fast.work.buffers());
+        let rays = self.rays.iter().flat_map(RaysEngine::buffers);
         let selector = self.selector.iter().flat_map(LodSelector::buffers);
-        self.portable.work.buffers().into_iter().chain(fast).chain(selector).collect()
+        self.portable.work.buffers().into_iter().chain(fast).chain(rays).chain(selector).collect()
     }
 
     /// The counts of a frame on `path`.
     pub fn totals(&self, path: Path) -> &Buffer<Totals> {
-        match &self.fast {
-            Some(fast) if path == Path::Fast => &fast.work.totals,
+        match (path, &self.fast, &self.rays) {
+            (Path::Fast, Some(fast), _) => &fast.work.totals,
+            (Path::Rays, _, Some(rays)) => &rays.work.totals,
             _ => &self.portable.work.totals,
         }
     }
@@ -167,6 +176,7 @@ impl PathChoice {
     pub fn least_bytes(&self, path: Path, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
         let mut stages = match &self.fast {
             Some(fast) if path == Path::Fast => fast.pipeline.least_bytes(shot, totals),
+            _ if path == Path::Rays => Vec::new(),
             _ => self.portable.pipeline().least_bytes(shot, totals),
         };
         // Frames in slabs: begin writes the states of pixels, finish reads them and writes the picture.
@@ -203,7 +213,15 @@ impl PathChoice {
         needs_tile_lists: bool,
         attribute: Option<Attribute>,
     ) -> Result<Limits> {
-        let Self { fast, portable, options, selector, streamer, .. } = self;
+        let Self { fast, portable, rays, options, selector, streamer, .. } = self;
+        if shot.camera.lens.is_some() {
+            portable.make(device, options)?;
+            let rays = match rays {
+                Some(rays) => rays,
+                none => none.insert(RaysEngine::new(device, shot, options, self.variation)?),
+            };
+            return rays.prepare(device, shot, portable.pipeline());
+        }
         let gaussians = shot.scene.drawn_len(options);
         let can_draw =
             |fast: &&mut FastEngine| !needs_tile_lists && fast.pipeline.takes(shot.camera.size_px, gaussians);
@@ -231,6 +249,10 @@ impl PathChoice {
         limits: Limits,
         inspector: Option<&Inspector>,
     ) -> Result<Option<PagedCounts>> {
+        if let Some(rays) = self.rays.as_ref().filter(|_| limits.path == Path::Rays) {
+            rays.record(cmd, shot, target, &self.portable);
+            return Ok(None);
+        }
         let Some(fast) = self.fast.as_ref().filter(|_| limits.path == Path::Fast) else {
             self.portable.record(cmd, shot, target, inspector);
             return Ok(None);
@@ -280,6 +302,10 @@ impl PathChoice {
     pub fn judge(&mut self, device: &Device, totals: &Totals, limits: Limits) -> Result<bool> {
         let demand = Capacity::of(totals, limits.capacity.gaussians, limits.capacity.cells);
         match (&mut self.fast, limits.path) {
+            (_, Path::Rays) => {
+                let Self { rays, portable, .. } = self;
+                rays.as_mut().map_or(Ok(()), |rays| rays.grow(device, demand, totals, portable.pipeline()))?;
+            }
             (Some(fast), Path::Fast) => fast.grow(device, demand, totals)?,
             // The fast path was dropped after this frame was recorded.
             (None, Path::Fast) => {}

@@ -187,13 +187,22 @@ impl PortablePipeline {
         work: &'w PortableWorkspace,
         by_depth: usize,
     ) -> &'w Buffer<u32> {
-        let [tiles_x, tiles_y] = tiles(camera.size_px);
-        let tiles = tiles_x * tiles_y;
         let splat_from_rank = &work.depths.values[by_depth];
         cmd.scope("scan", |cmd| self.scan(cmd, work, splat_from_rank));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        cmd.scope("duplicate", |cmd| self.duplicate(cmd, work, splat_from_rank, tiles_x));
+        cmd.scope("duplicate", |cmd| self.duplicate(cmd, work, splat_from_rank, tiles(camera.size_px)[0]));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        self.sort_lists(cmd, camera, work)
+    }
+
+    /// Sorts the instances by tile, and finds and orders the lists. Returns the splats of all lists, tile after tile.
+    pub(in crate::render) fn sort_lists<'w>(
+        &self,
+        cmd: &mut Commands,
+        camera: &Camera,
+        work: &'w PortableWorkspace,
+    ) -> &'w Buffer<u32> {
+        let tiles = tiles(camera.size_px).iter().product();
         let by_tile = cmd.scope("sort tiles", |cmd| self.sort_tiles(cmd, work, tiles));
         cmd.scope("ranges", |cmd| {
             self.ranges(cmd, work, &work.instances.keys[by_tile]);

@@ -41,6 +41,14 @@ impl PortableWorkspace {
     /// # Errors
     /// If device memory runs out.
     pub fn new(device: &Device, capacity: Capacity) -> Result<Self> {
+        Self::with_splats(device, capacity, capacity.visible)
+    }
+
+    /// Makes buffers of this capacity, with another number of splats.
+    ///
+    /// # Errors
+    /// If device memory runs out.
+    pub(in crate::render) fn with_splats(device: &Device, capacity: Capacity, splats: u64) -> Result<Self> {
         let visible = length("visible splats", capacity.visible)?;
         let spans = length("tile rows", capacity.spans)?;
         let instances = length("splat-tile instances", capacity.listed)?;
@@ -53,7 +61,7 @@ impl PortableWorkspace {
             visible_masks: words("visible masks", chunks * CULL_CHUNK as usize / 32)?,
             chunk_counts: words("chunk counts", chunks)?,
             gaussian_from_splat: words("gaussian from splat", visible)?,
-            splats: Buffer::new(device, "splats", visible)?,
+            splats: Buffer::new(device, "splats", length("splats", splats)?)?,
             depths: Pairs::new(device, "depth", visible)?,
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,

@@ -309,6 +309,11 @@ impl Renderer {
         background: Background,
         inspector: Option<&Inspector>,
     ) -> Result<Recorded> {
+        if let Some(lens) = &camera.lens {
+            let inspects = self.needs_tile_lists || inspector.or(self.inspector.as_ref()).is_some();
+            let why = self.undrawable_lens(inspects).map_or(Ok(()), Err);
+            why.map_err(|why| anyhow!("a camera with a lens ({}) {why}; --undistort draws a pinhole", lens.model()))?;
+        }
         match self.fit_images(camera.size_px) {
             Err(error) if error.is::<OutOfMemory>() => {
                 // Images precede lists, which slabs can divide.
@@ -359,6 +364,18 @@ impl Renderer {
             }
         };
         Ok(Recorded { number, counted, limits: self.drawn })
+    }
+
+    /// The reason why a camera with a lens cannot be drawn. `inspects`: the frame shows or explains more than colours.
+    fn undrawable_lens(&self, inspects: bool) -> Option<&'static str> {
+        if self.scene.is_paged() {
+            return Some("sees only scenes that are in GPU memory as a whole, without levels of detail");
+        }
+        if self.scene.is_placed() {
+            return Some("sees no scenes at places");
+        }
+        let shows_more = inspects || self.certificate.is_some();
+        shows_more.then_some("has pictures without depths, counts, attributes, explanations and certificates")
     }
 
     /// Makes the images of a frame of this size.

@@ -76,7 +76,8 @@ impl Viewer {
         let path = path.to_owned();
         let file = path.clone();
         self.cameras.are_loading = true;
-        self.jobs.start(move |_| crate::camera::read(&file), move |cameras| JobEvent::Cameras(path, origin, cameras));
+        let read = move || crate::camera::read(&file).and_then(CameraFile::into_pinholes);
+        self.jobs.start(move |_| read(), move |cameras| JobEvent::Cameras(path, origin, cameras));
     }
 
     /// Starts to search a folder for photographs.

@@ -110,7 +110,7 @@ mod tests {
     use crate::camera::Camera;
 
     fn camera(name: &str) -> NamedCamera {
-        NamedCamera::pinhole(name.to_owned(), Camera::framing(glam::DVec3::ZERO, 1.0, [8, 8]))
+        NamedCamera::new(name.to_owned(), Camera::framing(glam::DVec3::ZERO, 1.0, [8, 8]))
     }
 
     #[test]

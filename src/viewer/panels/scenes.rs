@@ -43,7 +43,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         let totals = &first.frame.totals;
         // The portable path lists splats by tile, the fast path by bin.
         let listed = match first.path {
-            Path::Portable => "instances",
+            Path::Portable | Path::Rays => "instances",
             Path::Fast => "entries",
         };
         ui.label(format!(

@@ -1,0 +1,33 @@
+#version 460
+#include "shared/workgroup.glsl"
+#include "rays/frame.glsl"
+#include "shared/depth.glsl"
+// One workgroup per chunk of 1024 Gaussians: marks those that may touch the image.
+// Before: nothing. After: visible_masks has a bit per Gaussian, chunk_counts the number of bits set in each chunk.
+// The test is a bound: a Gaussian that touches a ray is never dropped, some that do not are kept.
+
+layout(binding = 0, scalar) readonly buffer Bounds { uvec4 bounds[]; };                     // [gaussians] mean, reach
+layout(binding = 1, scalar) writeonly buffer VisibleMasks { uint visible_masks[]; };        // [chunks * 32]
+layout(binding = 2, scalar) writeonly buffer ChunkCounts { uint chunk_counts[]; };          // [chunks]
+layout(binding = 3, scalar) readonly buffer Cones { Cone cones[]; };                        // [cones]
+layout(push_constant, scalar) uniform Push {
+    View view;
+    uint gaussians;
+    uint is_parallel;
+    float widest;  // of all footprints: the root of the sum of their variances
+} push;
+
+#include "rays/view.glsl"
+
+// The words of `bound` are those of shared/cull_test.glsl. The cone of the whole picture is the first.
+bool may_be_visible(uvec4 bound) {
+    vec3 mean = uintBitsToFloat(bound.xyz);
+    float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
+    if (!(reach >= 0.0 && far_of(mean) > VIEW.near)) return false;
+    vec3 p = view_axes(mean);
+    float angle = 1.00001 * reach / unit_of(p) + deviations * sqrt(LOW_PASS) * push.widest;
+    vec4 sphere = uintBitsToFloat(cones[0].sphere);
+    return distance(sphere.xyz, centre_of(p)) <= chord_of(angle) + sphere.w;
+}
+
+#include "portable/cull_chunk.glsl"

@@ -1,0 +1,207 @@
+//! The stages that draw along rays, and the frame that they make with those of the portable path.
+
+use std::mem::offset_of;
+
+use anyhow::Result;
+
+use super::tables::RayTables;
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
+use crate::options::Options;
+use crate::packing::Layout;
+use crate::render::constants::shared;
+use crate::render::frame::{DepthKeys, Shot, SubgroupLimits, Target, Variation, footprint_code, tiles};
+use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk, chunks};
+use crate::render::shaders::rays::*;
+use crate::render::shaders::{PortableDispatches, RaySplat, SharedConstants};
+use crate::rules::{Footprint, Order, Rules};
+
+/// The stages of a frame along rays, for one set of options and one layout of a scene.
+pub struct RaysPipeline {
+    options: Options,
+    cull: Stage<Cull>,
+    project: Stage<Project>,
+    list: Stage<List>,
+    /// The first begins pixels, the second resumes them.
+    blend: [Stage<Blend>; 2],
+}
+
+/// A frame: what it shows, its tables and its buffers.
+#[derive(Clone, Copy)]
+pub struct RaysFrame<'f> {
+    pub shot: Shot<'f>,
+    pub tables: &'f RayTables,
+    /// Without splats and spans.
+    pub work: &'f PortableWorkspace,
+    pub splats: &'f Buffer<RaySplat>,
+}
+
+impl RaysFrame<'_> {
+    fn is_parallel(&self) -> bool {
+        self.shot.camera.lens.as_ref().is_some_and(|lens| lens.is_parallel())
+    }
+
+    /// Keys of z for a parallel lens, of distances for others.
+    fn depth_keys(&self, options: &Options) -> DepthKeys {
+        let order = if self.is_parallel() { Order::Depth } else { Order::Distance };
+        let options = Options { rules: Rules { order, ..options.rules }, ..*options };
+        DepthKeys::of(self.shot.camera, &options, &self.shot.scene.extent)
+    }
+}
+
+impl RaysPipeline {
+    /// Builds the stages.
+    ///
+    /// # Errors
+    /// If a pipeline cannot be made.
+    pub fn new(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
+        let subgroups = SubgroupLimits::of(device, options);
+        // Rays know no squares on the screen.
+        let extent = match options.rules.extent {
+            Footprint::ThreeSigmaSquares => Footprint::ThreeSigma,
+            other => other,
+        };
+        let constants =
+            SharedConstants { extent: footprint_code(extent), ..shared(options, layout, 32 * subgroups.ballot_words) };
+        let count = variation == Variation::Counting;
+        let blend = |resume| {
+            let cull_pixel_blocks = !options.portable;
+            Stage::new(device, &BlendConstants { cull_pixel_blocks, resume, count, ..BlendConstants::of(&constants) })
+        };
+        Ok(Self {
+            options: *options,
+            cull: Stage::new(device, &())?,
+            project: Stage::new(device, &ProjectConstants::of(&constants))?,
+            list: Stage::new(device, &ListConstants::of(&constants))?,
+            blend: [blend(false)?, blend(true)?],
+        })
+    }
+
+    /// Records one frame, like [`PortablePipeline::record`], whose stages `portable` are used between these.
+    pub fn record(
+        &self,
+        cmd: &mut Commands,
+        portable: &PortablePipeline,
+        frame: RaysFrame,
+        target: Target,
+        passes: u32,
+    ) {
+        let RaysFrame { shot, work, .. } = frame;
+        portable.clear(cmd, work);
+        cmd.scope("cull", |cmd| {
+            self.cull(cmd, portable, frame);
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            portable.compact(cmd, shot.scene, work);
+        });
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+        cmd.scope("project", |cmd| self.project(cmd, portable, frame));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let bits = frame.depth_keys(&self.options).bits;
+        let by_depth = cmd.scope("sort depths", |cmd| portable.sort_depths(cmd, work, bits));
+        let splat_from_rank = &work.depths.values[by_depth];
+        cmd.scope("scan", |cmd| portable.scan(cmd, work, splat_from_rank));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
+        cmd.scope("list", |cmd| self.list(cmd, frame, splat_from_rank));
+        cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+        let splat_ids = portable.sort_lists(cmd, shot.camera, work);
+        cmd.scope("blend", |cmd| self.blend(cmd, portable, frame, splat_ids, target, passes));
+    }
+
+    /// Marks the Gaussians that rays may meet.
+    pub fn cull(&self, cmd: &mut Commands, portable: &PortablePipeline, frame: RaysFrame) {
+        let RaysFrame { shot, tables, work, .. } = frame;
+        let bindings = CullBindings {
+            bounds: &shot.scene.bounds,
+            visible_masks: &work.visible_masks,
+            chunk_counts: &work.chunk_counts,
+            cones: &tables.cones,
+        };
+        let push = CullPush {
+            view: portable.view(shot.camera),
+            gaussians: shot.scene.len() as u32,
+            is_parallel: frame.is_parallel().into(),
+            widest: tables.widest,
+        };
+        cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(chunks(shot.scene).into()));
+    }
+
+    /// Projects the visible Gaussians, and counts the tiles of each.
+    pub fn project(&self, cmd: &mut Commands, portable: &PortablePipeline, frame: RaysFrame) {
+        let RaysFrame { shot, tables, work, splats } = frame;
+        let bindings = ProjectBindings {
+            gaussian_from_splat: &work.gaussian_from_splat,
+            bounds: &shot.scene.bounds,
+            grids: &shot.scene.grids,
+            shapes: shot.scene.shape_planes(),
+            sh: shot.scene.sh_planes(),
+            splats,
+            depth_keys: &work.depths.keys[0],
+            tile_counts: &work.tile_counts,
+            cones: &tables.cones,
+            footprints: &tables.footprints,
+            totals: &work.totals,
+        };
+        let keys = frame.depth_keys(&self.options);
+        let push = ProjectPush {
+            view: portable.view(shot.camera),
+            is_parallel: frame.is_parallel().into(),
+            cones: tables.cones.len() as u32,
+            depth_limit: keys.limit(),
+            depth_shift: keys.shift,
+        };
+        let groups = offset_of!(PortableDispatches, over_visible);
+        cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, groups);
+    }
+
+    /// Writes tile and splat of every instance, in the order of the splats.
+    pub fn list(&self, cmd: &mut Commands, frame: RaysFrame, splat_from_rank: &Buffer<u32>) {
+        let RaysFrame { tables, work, splats, .. } = frame;
+        let bindings = ListBindings {
+            totals: &work.totals,
+            splat_from_rank,
+            instance_offsets: &work.instance_offsets,
+            tile_counts: &work.tile_counts,
+            splats,
+            cones: &tables.cones,
+            tile_keys: &work.instances.keys[0],
+            splat_ids: &work.instances.values[0],
+        };
+        let push = ListPush { cones: tables.cones.len() as u32 };
+        let groups = offset_of!(PortableDispatches, over_visible);
+        cmd.dispatch_indirect(&self.list, bindings, push, &work.dispatches, groups);
+    }
+
+    /// Blends every tile's list of `splat_ids` along the rays of its pixels.
+    fn blend(
+        &self,
+        cmd: &mut Commands,
+        portable: &PortablePipeline,
+        frame: RaysFrame,
+        splat_ids: &Buffer<u32>,
+        target: Target,
+        passes: u32,
+    ) {
+        let RaysFrame { tables, work, splats, .. } = frame;
+        let (image, background) = (target.image, target.background.colour());
+        let tiles: u32 = tiles(image.size()).iter().product();
+        Walk::whole(passes).record(cmd, portable.blending.entries_per_pass, |cmd, pass| {
+            let bindings = BlendBindings {
+                ranges: &work.ranges,
+                splat_ids,
+                splats,
+                totals: &work.totals,
+                tiles_by_class: &work.tiles_by_class,
+                image,
+                rays: &tables.rays,
+            };
+            let push = BlendPush {
+                size_px: image.size(),
+                tiles,
+                background,
+                pass_begin: pass.begin,
+                pass_limit: pass.limit,
+                last_pass: pass.last,
+            };
+            cmd.dispatch(&self.blend[pass.stage], bindings, push, DispatchSize::Groups(tiles.into()));
+        });
+    }
+}

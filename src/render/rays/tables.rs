@@ -1,0 +1,182 @@
+//! What the stages need of a camera's lens: rays of pixels, cones of tiles, footprints of directions.
+
+use anyhow::{Context, Result};
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::camera::{Camera, Footprints};
+use crate::gpu::{Buffer, Commands, Device};
+use crate::render::shaders::Cone;
+use crate::render::shaders::rays::{EVERYWHERE, FOOTPRINTS, NO_TILE};
+use crate::rules::TILE;
+
+/// The tables of one lens and size of picture, on the device.
+pub struct RayTables {
+    /// The camera that they were made for; only lens, focal lengths, principal point and size matter.
+    camera: Camera,
+    /// The ray of each pixel in view axes, 0 where there is none.
+    pub rays: Buffer<[f32; 3]>,
+    /// The tree of cones.
+    pub cones: Buffer<Cone>,
+    /// Footprints at the corners of an octahedral map: diagonal and rest of each covariance.
+    pub footprints: Buffer<[f32; 3]>,
+    /// Of all footprints: the root of the sum of their variances.
+    pub widest: f32,
+}
+
+impl RayTables {
+    /// Makes the tables of a camera with a lens.
+    ///
+    /// # Errors
+    /// If memory runs out, or the camera is a pinhole.
+    pub fn new(device: &Device, camera: &Camera) -> Result<Self> {
+        let rays = rays(camera);
+        let cones = cones(&rays, camera.size_px);
+        let footprints = footprints(&Footprints::of(camera).context("a pinhole needs no rays")?);
+        let variances = footprints.chunks_exact(2).map(|covariance| covariance[0].iter().sum::<f32>());
+        let widest = variances.fold(0.0, f32::max).sqrt();
+        let tables = Self {
+            camera: camera.clone(),
+            rays: Buffer::new(device, "rays of pixels", rays.len())?,
+            cones: Buffer::new(device, "cones of tiles", cones.len())?,
+            footprints: Buffer::new(device, "footprints", footprints.len())?,
+            widest,
+        };
+        let mut cmd = Commands::new(device)?;
+        cmd.upload(&tables.rays, 0, rays.len(), |memory| memory.copy_from_slice(&rays))?;
+        cmd.upload(&tables.cones, 0, cones.len(), |memory| memory.copy_from_slice(&cones))?;
+        cmd.upload(&tables.footprints, 0, footprints.len(), |memory| memory.copy_from_slice(&footprints))?;
+        cmd.submit()?.wait()?;
+        Ok(tables)
+    }
+
+    /// True if the tables suit a camera, wherever it stands.
+    pub fn suit(&self, camera: &Camera) -> bool {
+        let Camera { focal_px, centre_px, size_px, lens, .. } = &self.camera;
+        (focal_px, centre_px, size_px, lens) == (&camera.focal_px, &camera.centre_px, &camera.size_px, &camera.lens)
+    }
+
+    /// The name and the bytes of every buffer.
+    pub fn buffers(&self) -> [(&str, u64); 3] {
+        [self.rays.footprint(), self.cones.footprint(), self.footprints.footprint()]
+    }
+}
+
+/// The rays of all pixels, row by row.
+fn rays(camera: &Camera) -> Vec<[f32; 3]> {
+    let [width, height] = camera.size_px.map(|side| side as usize);
+    let ray = |index: usize| {
+        let centre = DVec2::new((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
+        camera.ray(centre).unwrap_or(DVec3::ZERO).as_vec3().to_array()
+    };
+    (0..width * height).into_par_iter().with_min_len(1024).map(ray).collect()
+}
+
+/// A sphere that holds the ends of rays.
+#[derive(Clone, Copy)]
+struct Sphere {
+    middle: Vec3,
+    spread: f32,
+}
+
+impl Sphere {
+    /// The sphere around the box of the rays; none without a ray.
+    fn around(rays: impl Iterator<Item = Vec3> + Clone) -> Option<Self> {
+        let low = rays.clone().reduce(Vec3::min)?;
+        let middle = 0.5 * low + 0.5 * rays.clone().fold(low, Vec3::max);
+        let spread = rays.map(|ray| ray.distance(middle)).fold(0.0, f32::max);
+        Some(Self { middle, spread }.rounded_up())
+    }
+
+    /// Room for the rounding of this sphere, and of what the shaders compute with it.
+    fn rounded_up(self) -> Self {
+        Self { spread: self.spread * 1.000_01 + 4e-6 * self.middle.abs().max_element().max(1.0), ..self }
+    }
+
+    fn around_both(self, other: Self) -> Self {
+        let middle = 0.5 * self.middle + 0.5 * other.middle;
+        let reach = |of: Self| of.middle.distance(middle) + of.spread;
+        Self { middle, spread: reach(self).max(reach(other)) }.rounded_up()
+    }
+}
+
+/// Cones around the tiles of an image in depth-first order. Tiles without a ray have none.
+fn cones(rays: &[[f32; 3]], size_px: [u32; 2]) -> Vec<Cone> {
+    let counts = size_px.map(|side| side.div_ceil(TILE));
+    let of_tile = |tile: u32| {
+        let low = [tile % counts[0] * TILE, tile / counts[0] * TILE];
+        let rows = low[1]..(low[1] + TILE).min(size_px[1]);
+        let columns = low[0]..(low[0] + TILE).min(size_px[0]);
+        let pixels = rows.flat_map(|y| columns.clone().map(move |x| y as usize * size_px[0] as usize + x as usize));
+        Sphere::around(pixels.map(|pixel| Vec3::from(rays[pixel])).filter(|ray| *ray != Vec3::ZERO))
+    };
+    let tiles: Vec<_> = (0..counts[0] * counts[1]).into_par_iter().map(of_tile).collect();
+    let mut cones = Vec::new();
+    if add_cones(&mut cones, &tiles, counts, [0, 0], counts).is_none() {
+        // A cone that no splat meets.
+        let sphere = [0.0, 0.0, 0.0, -3.0 * EVERYWHERE].map(f32::to_bits);
+        cones.push(Cone { sphere, next: 1, tile: NO_TILE });
+    }
+    cones
+}
+
+/// Adds the cone around the tiles from `low` on, `size` of them, and the cones within. Halves the longer side.
+fn add_cones(
+    cones: &mut Vec<Cone>,
+    tiles: &[Option<Sphere>],
+    counts: [u32; 2],
+    low: [u32; 2],
+    size: [u32; 2],
+) -> Option<Sphere> {
+    let place = cones.len();
+    let cone = |sphere: Sphere, next: usize, tile: u32| {
+        let Sphere { middle, spread } = sphere;
+        let sphere = [middle.x, middle.y, middle.z, spread].map(f32::to_bits);
+        Cone { sphere, next: next as u32, tile }
+    };
+    if size == [1, 1] {
+        let tile = low[1] * counts[0] + low[0];
+        let sphere = tiles[tile as usize]?;
+        cones.push(cone(sphere, place + 1, tile));
+        return Some(sphere);
+    }
+    let axis = usize::from(size[1] > size[0]);
+    let (mut first, mut second, mut from) = (size, size, low);
+    first[axis] = size[axis] / 2;
+    second[axis] -= first[axis];
+    from[axis] += first[axis];
+    cones.push(bytemuck::Zeroable::zeroed());
+    let spheres = [add_cones(cones, tiles, counts, low, first), add_cones(cones, tiles, counts, from, second)];
+    match spheres {
+        [Some(one), Some(other)] => {
+            let both = one.around_both(other);
+            cones[place] = cone(both, cones.len(), NO_TILE);
+            Some(both)
+        }
+        // The cone of the half that has rays is enough.
+        [one, other] => {
+            cones.remove(place);
+            cones[place..].iter_mut().for_each(|cone| cone.next -= 1);
+            one.or(other)
+        }
+    }
+}
+
+/// The footprints at the corners of the octahedral map, whose middle is +z: diagonals (xx, yy, zz) and rests (xy, xz,
+/// yz), in turn.
+fn footprints(of: &Footprints) -> Vec<[f32; 3]> {
+    let side = FOOTPRINTS + 1;
+    let corner = |place: u32| {
+        let at = |i: u32| f64::from(i) / f64::from(FOOTPRINTS) * 2.0 - 1.0;
+        let mut direction = DVec3::new(at(place % side), at(place / side), 0.0);
+        direction.z = 1.0 - direction.x.abs() - direction.y.abs();
+        if direction.z < 0.0 {
+            let fold = |a: f64, b: f64| (1.0 - a.abs()).copysign(b);
+            direction = DVec3::new(fold(direction.y, direction.x), fold(direction.x, direction.y), direction.z);
+        }
+        let covariance = of.covariance(direction);
+        let [x, y, z] = [covariance.x_axis, covariance.y_axis, covariance.z_axis];
+        [DVec3::new(x.x, y.y, z.z), DVec3::new(x.y, x.z, y.z)].map(|v| v.as_vec3().to_array())
+    };
+    (0..side * side).into_par_iter().flat_map_iter(corner).collect()
+}
