@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, dvec2};
 use rayon::prelude::*;
 
-use super::{Rays, Splat, Tiling};
+use super::{RayLists, RaySplat, Rays, Splat, Tiling};
 use crate::rules::{Rules, TILE};
 
 /// One pixel of a [`super::Rendering`].
@@ -13,8 +13,8 @@ pub struct Pixel {
     pub colour: [f64; 3],
     /// The part of the background that is visible, 0 to 1.
     pub transmittance: f64,
-    /// Sum of the depths of the blended splats, each times its share of the pixel. A depth is the view z of a splat's
-    /// mean, in world units.
+    /// Sum of the depths of the blended splats, each times its share of the pixel. A depth is that of a splat's mean,
+    /// in world units ([`Camera::depth`](crate::camera::Camera::depth)).
     pub depth: f64,
     /// Depth of the splat after which the transmittance is 0.5 or less; 0 where it stays above.
     pub median_depth: f64,
@@ -25,7 +25,13 @@ pub struct Pixel {
     pub doubt: f64,
 }
 
-/// Relative uncertainty of an alpha from `exp2` and the products around it; [`weight_doubt`] is added to it.
+impl Pixel {
+    /// A pixel that sees nothing, not even the background.
+    const NOTHING: Self =
+        Self { colour: [0.0; 3], transmittance: 1.0, depth: 0.0, median_depth: 0.0, blended: 0, doubt: 0.0 };
+}
+
+/// Relative uncertainty of an alpha from `exp2` and the products around it; [`Met::weight_doubt`] is added to it.
 const ALPHA_DOUBT: f64 = 2e-5;
 /// Relative uncertainty of a transmittance: factors 1 - alpha near 0.01 magnify the error of alpha a hundred times.
 const STOP_DOUBT: f64 = 1e-3;
@@ -54,48 +60,75 @@ pub fn blend(lists: &Lists, tiling: Tiling, background: DVec3, rules: &Rules) ->
         let centre = dvec2(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let [begin, end] = lists.ranges[((y / TILE) * tiling.counts[0] + x / TILE) as usize];
         let ids = &lists.splat_ids[begin as usize..end as usize];
-        let splat = |id: &u32| &lists.splats[*id as usize];
-        match lists.rays {
-            None => blend_pixel(ids.iter().map(splat), centre, background, brightest, rules),
-            Some(rays) => {
-                let by_depth = sorted_along_ray(ids, rays, centre, |id| contributes(splat(&id), centre, rules));
-                blend_pixel(by_depth.iter().map(splat), centre, background, brightest, rules)
+        let met = |id: &u32| met(&lists.splats[*id as usize], centre, rules);
+        match lists.rays.and_then(|rays| Some((rays, rays.ray(centre)?))) {
+            None => blend_pixel(ids.iter().map(met), background, brightest, rules),
+            Some((rays, ray)) => {
+                let by_depth = rays.sorted(ids, ray, |id| met(&id));
+                blend_pixel(by_depth.into_iter(), background, brightest, rules)
             }
         }
     };
     (0..width as usize * height as usize).into_par_iter().with_min_len(256).map(pixel).collect()
 }
 
-/// The `ids` that `keep` accepts, in the order in which the ray through `centre` meets them.
-fn sorted_along_ray(ids: &[u32], rays: &Rays, centre: DVec2, keep: impl Fn(u32) -> bool) -> Vec<u32> {
-    let kept = ids.iter().filter(|id| keep(**id));
-    let mut met: Vec<(f64, u32)> = kept.map(|id| (rays.depth(*id, centre), *id)).collect();
-    met.sort_by(|a, b| a.0.total_cmp(&b.0));
-    met.into_iter().map(|(_, id)| id).collect()
+/// Blends the pixels of a camera with a lens, row by row. Those without a ray are transparent black.
+pub fn blend_rays(lists: &RayLists, depths: Option<&Rays>, background: DVec3, rules: &Rules) -> Vec<Pixel> {
+    let splats = &lists.splats;
+    let brightest =
+        splats.par_iter().map(|s| s.colour.max_element()).reduce(|| 0.0, f64::max).max(background.max_element());
+    let pixel = |(index, ray): (usize, &Option<DVec3>)| {
+        let Some(ray) = *ray else { return Pixel::NOTHING };
+        let met = |id: &u32| met_by_ray(&splats[*id as usize], ray, rules);
+        let ids = lists.at(index);
+        match depths {
+            None => blend_pixel(ids.iter().map(met), background, brightest, rules),
+            Some(depths) => {
+                let by_depth = depths.sorted(ids, ray, |id| met(&id));
+                blend_pixel(by_depth.into_iter(), background, brightest, rules)
+            }
+        }
+    };
+    lists.rays.par_iter().enumerate().with_min_len(256).map(pixel).collect()
 }
 
-fn contributes(splat: &Splat, centre: DVec2, rules: &Rules) -> bool {
-    splat.distance(centre) <= splat.level(rules)
+/// A splat as one pixel meets it.
+#[derive(Clone, Copy)]
+pub(super) struct Met {
+    /// Squared Mahalanobis distance, and the one at which the splat ends.
+    pub distance: f64,
+    pub level: f64,
+    pub opacity: f64,
+    pub colour: DVec3,
+    pub depth: f64,
+    /// Relative error of the weight from rounding to f32.
+    pub weight_doubt: f64,
 }
 
-fn blend_pixel<'s>(
-    list: impl Iterator<Item = &'s Splat>,
-    centre: DVec2,
-    background: DVec3,
-    brightest: f64,
-    rules: &Rules,
-) -> Pixel {
+fn met(splat: &Splat, centre: DVec2, rules: &Rules) -> Met {
+    let distance = splat.distance(centre);
+    let weight_doubt = weight_doubt(splat, centre, distance);
+    let Splat { opacity, colour, depth, .. } = *splat;
+    Met { distance, level: splat.level(rules), opacity, colour, depth, weight_doubt }
+}
+
+fn met_by_ray(splat: &RaySplat, ray: DVec3, rules: &Rules) -> Met {
+    let (distance, weight_doubt) = (splat.distance(ray), splat.weight_doubt(ray));
+    let RaySplat { opacity, colour, depth, .. } = *splat;
+    Met { distance, level: splat.level(rules), opacity, colour, depth, weight_doubt }
+}
+
+fn blend_pixel(list: impl Iterator<Item = Met>, background: DVec3, brightest: f64, rules: &Rules) -> Pixel {
     let [alpha_max, transmittance_min] = [rules.alpha_max, rules.transmittance_min].map(f64::from);
     let mut colour = DVec3::ZERO;
     let mut transmittance = 1.0;
     let (mut depth, mut median_depth, mut blended) = (0.0, 0.0, 0);
     let mut doubt = 0.0;
     for splat in list {
-        let distance = splat.distance(centre);
-        let weight = splat.opacity * (-0.5 * distance).exp();
+        let weight = splat.opacity * (-0.5 * splat.distance).exp();
         // The weight where the splat ends: the alpha threshold, or the weight at three standard deviations.
-        let least = splat.opacity * (-0.5 * splat.level(rules)).exp();
-        if (weight / least - 1.0).abs() < ALPHA_DOUBT + weight_doubt(splat, centre, distance) {
+        let least = splat.opacity * (-0.5 * splat.level).exp();
+        if (weight / least - 1.0).abs() < ALPHA_DOUBT + splat.weight_doubt {
             doubt += transmittance * least * brightest;
         }
         if weight < least {

@@ -2,12 +2,16 @@
 //!
 //! Each stage of the portable path has a file. The stages of the fast path between projection and blend share `bins`.
 //! `ray` is no stage: it has the ideal sort key of a pixel. `prune` has the stages that measure contributions.
+//! `ray_splat` and `ray_lists` are projection and lists of cameras with a lens.
 //!
 //! It follows the given [`Rules`]: EWA splatting (Zwicker et al. 2001) with the clamp and dilation of the original
 //! 3DGS, and by default alpha in [1/255, 0.99], an exclusive stop at T < 1e-4, and one global order by (f32 view depth,
 //! index). [`Rules::complete`] leaves nothing out, and [`Order::PerPixel`] sorts ideally. Together they separate the
 //! errors of arithmetic, of approximation and of the model. Tests compare the reference itself with stored results of
 //! gsplat.
+//!
+//! A camera with a lens draws the exact response along the ray of each pixel, in the order of the depths of
+//! [`Camera::depth`] for both [`Order::Depth`] and [`Order::Distance`]. The near plane is one of these depths, too.
 
 mod bins;
 mod blend;
@@ -17,6 +21,10 @@ mod project;
 mod prune;
 mod ranges;
 mod ray;
+mod ray_lists;
+mod ray_splat;
+#[cfg(test)]
+mod ray_tests;
 mod scan;
 mod sort;
 
@@ -26,17 +34,19 @@ pub use bins::{
     BinBlocks, BinOffsets, BinRange, Entry, bin_offsets, bins_of, block_mask, count_bins, list_bins, merge_inputs,
     sort_run,
 };
-pub use blend::{Lists, Pixel, blend};
+pub use blend::{Lists, Pixel, blend, blend_rays};
 pub use cull::cull;
 pub use duplicate::{Tiling, duplicate, tiles};
 pub use project::{Splat, project};
 pub use prune::{Change, Contribution, bound, changes, contribute, contributions};
 pub use ranges::ranges;
 pub use ray::Rays;
+pub use ray_lists::RayLists;
+pub use ray_splat::{RaySplat, ray_splat};
 pub use scan::scan;
 pub use sort::sort;
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Footprints};
 use crate::pixels::{Depths, Pixels, Plane};
 use crate::rules::{Background, Order, Rules};
 use crate::scene::Gaussians;
@@ -51,14 +61,23 @@ pub struct Rendering {
 
 /// Renders a scene in f64.
 pub fn render(gaussians: &Gaussians, camera: &Camera, rules: &Rules, background: Background) -> Rendering {
-    let listed = Listed::of(gaussians, camera, rules);
-    let rays = (rules.order == Order::PerPixel).then(|| Rays::new(gaussians, &listed.visible, camera));
     let background = background.colour().map(f64::from).into();
-    let tiling = Tiling::of(camera.size_px);
-    Rendering { size_px: camera.size_px, pixels: blend(&listed.lists(rays.as_ref()), tiling, background, rules) }
+    let rays = |visible: &[u32]| (rules.order == Order::PerPixel).then(|| Rays::new(gaussians, visible, camera));
+    let pixels = match Footprints::of(camera) {
+        None => {
+            let listed = Listed::of(gaussians, camera, rules);
+            let rays = rays(&listed.visible);
+            blend(&listed.lists(rays.as_ref()), Tiling::of(camera.size_px), background, rules)
+        }
+        Some(footprints) => {
+            let lists = RayLists::of(gaussians, camera, &footprints, rules);
+            blend_rays(&lists, rays(&lists.visible).as_ref(), background, rules)
+        }
+    };
+    Rendering { size_px: camera.size_px, pixels }
 }
 
-/// The splats of a view and the list of every tile.
+/// The splats of a pinhole's view and the list of every tile.
 struct Listed {
     /// The Gaussian of each splat.
     visible: Vec<u32>,
@@ -69,6 +88,7 @@ struct Listed {
 
 impl Listed {
     fn of(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> Self {
+        assert!(camera.lens.is_none(), "lists of a lens are those of its rays");
         let tiling = Tiling::of(camera.size_px);
         let visible = cull(gaussians, camera, rules);
         let splats: Vec<Splat> = visible.par_iter().map(|id| project(gaussians, *id, camera, rules)).collect();

@@ -34,9 +34,41 @@ impl Splat {
 
     /// Squared Mahalanobis distance at which alpha falls to the threshold, or at which the rules cut the splat.
     pub fn level(&self, rules: &Rules) -> f64 {
-        let level = 2.0 * (self.opacity / f64::from(rules.alpha_min)).ln();
-        if rules.extent == Footprint::ThreeSigma { level.min(9.0) } else { level }
+        level(self.opacity, rules, rules.extent == Footprint::ThreeSigma)
     }
+}
+
+/// Squared Mahalanobis distance at which the alpha of a splat of this opacity falls to the threshold; at most that of
+/// three standard deviations if the splat is cut there.
+pub(super) fn level(opacity: f64, rules: &Rules, is_cut: bool) -> f64 {
+    let level = 2.0 * (opacity / f64::from(rules.alpha_min)).ln();
+    if is_cut { level.min(9.0) } else { level }
+}
+
+/// W R S of Gaussian `index`: its axes in view axes, in columns, each as long as the standard deviation along it.
+pub(super) fn axes(gaussians: &Gaussians, index: usize, camera: &Camera) -> DMat3 {
+    let [w, x, y, z] = gaussians.rotations()[index].map(f64::from);
+    let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+    let scale = DMat3::from_diagonal(DVec3::from(gaussians.scales()[index].map(f64::from)));
+    camera.rotation * rotation * scale
+}
+
+/// The colour of Gaussian `index` in a direction of any length, in world axes, from the camera to its mean.
+pub(super) fn colour(gaussians: &Gaussians, index: usize, direction: DVec3, rules: &Rules) -> DVec3 {
+    let basis = harmonics::basis(direction.normalize_or(DVec3::Z).to_array());
+    let sum = gaussians
+        .sh(index)
+        .iter()
+        .zip(basis)
+        .fold(DVec3::splat(if rules.features { 0.0 } else { 0.5 }), |sum, (coefficient, value)| {
+            sum + value * DVec3::from(coefficient.map(f64::from))
+        });
+    if rules.features { sum } else { sum.max(DVec3::ZERO) }
+}
+
+/// The factor on an opacity by the determinants of a covariance before and after the low-pass.
+pub(super) fn compensation(sharp: f64, determinant: f64, rules: &Rules) -> f64 {
+    if rules.antialiased { (sharp / determinant).max(COMPENSATION_MIN.powi(2)).sqrt() } else { 1.0 }
 }
 
 /// Projects Gaussian `id`, whose mean must have a positive view depth.
@@ -52,10 +84,7 @@ pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera, rules: &Rules) -
     let low = (-camera.centre_px - 0.15 * size) / camera.focal_px;
     let high = (size - camera.centre_px + 0.15 * size) / camera.focal_px;
     let clamped = slope.clamp(low, high);
-    let [w, x, y, z] = gaussians.rotations()[index].map(f64::from);
-    let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-    let scale = DMat3::from_diagonal(DVec3::from(gaussians.scales()[index].map(f64::from)));
-    let m = camera.rotation * rotation * scale;
+    let m = axes(gaussians, index, camera);
     let per_unit = camera.focal_px / mean_view.z;
     let v0 = per_unit.x * (m.row(0) - clamped.x * m.row(2));
     let v1 = per_unit.y * (m.row(1) - clamped.y * m.row(2));
@@ -67,18 +96,9 @@ pub fn project(gaussians: &Gaussians, id: u32, camera: &Camera, rules: &Rules) -
     let covariance = DMat2::from_cols_array(&[a, b, b, c]);
     let conic = DMat2::from_cols_array(&[c, -b, -b, a]) * determinant.recip();
 
-    let direction = (mean_world - camera.position).normalize_or(DVec3::Z);
-    let basis = harmonics::basis(direction.to_array());
-    let sum = gaussians
-        .sh(index)
-        .iter()
-        .zip(basis)
-        .fold(DVec3::splat(if rules.features { 0.0 } else { 0.5 }), |sum, (coefficient, value)| {
-            sum + value * DVec3::from(coefficient.map(f64::from))
-        });
-    let compensation = if rules.antialiased { (sharp / determinant).max(COMPENSATION_MIN.powi(2)).sqrt() } else { 1.0 };
-    let opacity = f64::from(gaussians.opacities()[index]) * compensation;
-    let distance_world = (mean_world - camera.position).length();
-    let colour = if rules.features { sum } else { sum.max(DVec3::ZERO) };
+    let opacity = f64::from(gaussians.opacities()[index]) * compensation(sharp, determinant, rules);
+    let towards_mean = mean_world - camera.position;
+    let colour = colour(gaussians, index, towards_mean, rules);
+    let distance_world = towards_mean.length();
     Splat { mean_px, covariance, conic, opacity, colour, depth: mean_view.z, distance_world }
 }

@@ -26,7 +26,10 @@ pub struct Change {
     pub bound: f64,
 }
 
-/// What every Gaussian contributes to a view.
+/// What every Gaussian contributes to the view of a pinhole.
+///
+/// # Panics
+/// If the camera has a lens.
 pub fn contributions(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> Vec<Contribution> {
     let tiling = Tiling::of(camera.size_px);
     let listed = Listed::of(gaussians, camera, rules);
@@ -37,7 +40,10 @@ pub fn contributions(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> V
     all
 }
 
-/// What every pixel of a view changes by at most if only the Gaussians are drawn that `is_kept` accepts.
+/// What every pixel of a pinhole's view changes by at most if only the Gaussians are drawn that `is_kept` accepts.
+///
+/// # Panics
+/// If the camera has a lens.
 pub fn changes(
     gaussians: &Gaussians,
     camera: &Camera,

@@ -3,13 +3,13 @@
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 
+use super::blend::Met;
 use crate::camera::Camera;
 use crate::scene::Gaussians;
 
 /// Gaussians prepared for [`Rays::depth`].
 pub struct Rays {
-    focal_px: DVec2,
-    centre_px: DVec2,
+    camera: Camera,
     whitened: Vec<Whitened>,
 }
 
@@ -37,17 +37,29 @@ impl Rays {
             let mean = from_view * camera.view(DVec3::from(gaussians.means()[index].map(f64::from)));
             Whitened { from_view, mean }
         };
-        Self {
-            focal_px: camera.focal_px,
-            centre_px: camera.centre_px,
-            whitened: ids.par_iter().map(whitened).collect(),
-        }
+        Self { camera: camera.clone(), whitened: ids.par_iter().map(whitened).collect() }
     }
 
-    /// View depth at which splat `id` is densest along the ray through a point of the image, at least 0.
-    pub fn depth(&self, id: u32, point_px: DVec2) -> f64 {
+    /// The ray through a point of the image, if there is one: [`Camera::ray`].
+    pub fn ray(&self, point_px: DVec2) -> Option<DVec3> {
+        self.camera.ray(point_px)
+    }
+
+    /// Depth at which splat `id` is densest along a ray, at least 0: view depth for a pinhole and for a parallel lens,
+    /// distance for other lenses.
+    pub fn depth(&self, id: u32, ray: DVec3) -> f64 {
         let Whitened { from_view, mean } = &self.whitened[id as usize];
-        let ray = *from_view * ((point_px - self.centre_px) / self.focal_px).extend(1.0);
-        (ray.dot(*mean) / ray.length_squared()).max(0.0)
+        let is_parallel = self.camera.lens.as_ref().is_some_and(|lens| lens.is_parallel());
+        let (origin, direction) = if is_parallel { (ray - DVec3::Z, DVec3::Z) } else { (DVec3::ZERO, ray) };
+        let direction = *from_view * direction;
+        (direction.dot(*mean - *from_view * origin) / direction.length_squared()).max(0.0)
+    }
+
+    /// The splats among `ids` that reach a ray, in the order in which it meets them.
+    pub(super) fn sorted(&self, ids: &[u32], ray: DVec3, met: impl Fn(u32) -> Met) -> Vec<Met> {
+        let reached = ids.iter().map(|id| (*id, met(*id))).filter(|(_, met)| met.distance <= met.level);
+        let mut sorted: Vec<(f64, Met)> = reached.map(|(id, met)| (self.depth(id, ray), met)).collect();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        sorted.into_iter().map(|(_, met)| met).collect()
     }
 }
