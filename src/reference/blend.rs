@@ -1,6 +1,7 @@
 //! Front-to-back blending, with a bound on what f32 rounding may change.
 
 use glam::{DVec2, DVec3, dvec2};
+use rayon::iter::Either;
 use rayon::prelude::*;
 
 use super::{RayLists, RaySplat, Rays, Splat, Tiling};
@@ -53,56 +54,64 @@ pub struct Lists<'a> {
 /// Blends the list of every tile. Returns the pixels row by row.
 pub fn blend(lists: &Lists, tiling: Tiling, background: DVec3, rules: &Rules) -> Vec<Pixel> {
     let [width, height] = tiling.size_px;
-    let brightest =
-        lists.splats.par_iter().map(|s| s.colour.max_element()).reduce(|| 0.0, f64::max).max(background.max_element());
+    let brightest = brightest(lists.splats.par_iter().map(|splat| splat.colour), background);
     let pixel = |index: usize| {
         let (x, y) = (index as u32 % width, index as u32 / width);
         let centre = dvec2(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let [begin, end] = lists.ranges[((y / TILE) * tiling.counts[0] + x / TILE) as usize];
         let ids = &lists.splat_ids[begin as usize..end as usize];
-        let met = |id: &u32| met(&lists.splats[*id as usize], centre, rules);
-        match lists.rays.and_then(|rays| Some((rays, rays.ray(centre)?))) {
-            None => blend_pixel(ids.iter().map(met), background, brightest, rules),
-            Some((rays, ray)) => {
-                let by_depth = rays.sorted(ids, ray, |id| met(&id));
-                blend_pixel(by_depth.into_iter(), background, brightest, rules)
-            }
-        }
+        let along = lists.rays.and_then(|rays| Some((rays, rays.ray(centre)?)));
+        let list = Met::list(ids, |id| met(&lists.splats[id as usize], centre, rules), along);
+        blend_pixel(list, background, brightest, rules)
     };
     (0..width as usize * height as usize).into_par_iter().with_min_len(256).map(pixel).collect()
 }
 
-/// Blends the pixels of a camera with a lens, row by row. Those without a ray are transparent black.
-pub fn blend_rays(lists: &RayLists, depths: Option<&Rays>, background: DVec3, rules: &Rules) -> Vec<Pixel> {
-    let splats = &lists.splats;
-    let brightest =
-        splats.par_iter().map(|s| s.colour.max_element()).reduce(|| 0.0, f64::max).max(background.max_element());
+/// Blends the pixels of a camera with a lens, row by row. Those without a ray are transparent black. If `rays` are given,
+/// splats are sorted per pixel by their depth along its ray.
+pub fn blend_rays(lists: &RayLists, rays: Option<&Rays>, background: DVec3, rules: &Rules) -> Vec<Pixel> {
+    let brightest = brightest(lists.splats.par_iter().map(|splat| splat.colour), background);
     let pixel = |(index, ray): (usize, &Option<DVec3>)| {
         let Some(ray) = *ray else { return Pixel::NOTHING };
-        let met = |id: &u32| met_by_ray(&splats[*id as usize], ray, rules);
-        let ids = lists.at(index);
-        match depths {
-            None => blend_pixel(ids.iter().map(met), background, brightest, rules),
-            Some(depths) => {
-                let by_depth = depths.sorted(ids, ray, |id| met(&id));
-                blend_pixel(by_depth.into_iter(), background, brightest, rules)
-            }
-        }
+        let met = |id: u32| met_by_ray(&lists.splats[id as usize], ray, rules);
+        let list = Met::list(lists.at(index), met, rays.map(|rays| (rays, ray)));
+        blend_pixel(list, background, brightest, rules)
     };
     lists.rays.par_iter().enumerate().with_min_len(256).map(pixel).collect()
 }
 
+/// The largest channel of all colours.
+fn brightest(colours: impl ParallelIterator<Item = DVec3>, background: DVec3) -> f64 {
+    colours.map(|colour| colour.max_element()).reduce(|| 0.0, f64::max).max(background.max_element())
+}
+
 /// A splat as one pixel meets it.
-#[derive(Clone, Copy)]
-pub(super) struct Met {
+struct Met {
     /// Squared Mahalanobis distance, and the one at which the splat ends.
-    pub distance: f64,
-    pub level: f64,
-    pub opacity: f64,
-    pub colour: DVec3,
-    pub depth: f64,
+    distance: f64,
+    level: f64,
+    opacity: f64,
+    colour: DVec3,
+    depth: f64,
     /// Relative error of the weight from rounding to f32.
-    pub weight_doubt: f64,
+    weight_doubt: f64,
+}
+
+impl Met {
+    /// The splats `ids` of a pixel in this order, or, with a ray, those that reach it, in the order in which it meets
+    /// them.
+    fn list(ids: &[u32], met: impl Fn(u32) -> Self, along: Option<(&Rays, DVec3)>) -> impl Iterator<Item = Self> {
+        let all = ids.iter().map(move |id| (*id, met(*id)));
+        match along {
+            None => Either::Left(all.map(|(_, met)| met)),
+            Some((rays, ray)) => {
+                let reached = all.filter(|(_, met)| met.distance <= met.level);
+                let mut sorted: Vec<(f64, Self)> = reached.map(|(id, met)| (rays.depth(id, ray), met)).collect();
+                sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+                Either::Right(sorted.into_iter().map(|(_, met)| met))
+            }
+        }
+    }
 }
 
 fn met(splat: &Splat, centre: DVec2, rules: &Rules) -> Met {

@@ -3,7 +3,6 @@
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::blend::Met;
 use crate::camera::Camera;
 use crate::scene::Gaussians;
 
@@ -53,13 +52,5 @@ impl Rays {
         let (origin, direction) = if is_parallel { (ray - DVec3::Z, DVec3::Z) } else { (DVec3::ZERO, ray) };
         let direction = *from_view * direction;
         (direction.dot(*mean - *from_view * origin) / direction.length_squared()).max(0.0)
-    }
-
-    /// The splats among `ids` that reach a ray, in the order in which it meets them.
-    pub(super) fn sorted(&self, ids: &[u32], ray: DVec3, met: impl Fn(u32) -> Met) -> Vec<Met> {
-        let reached = ids.iter().map(|id| (*id, met(*id))).filter(|(_, met)| met.distance <= met.level);
-        let mut sorted: Vec<(f64, Met)> = reached.map(|(id, met)| (self.depth(id, ray), met)).collect();
-        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-        sorted.into_iter().map(|(_, met)| met).collect()
     }
 }

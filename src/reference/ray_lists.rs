@@ -20,7 +20,7 @@ pub struct RayLists {
     pub splats: Vec<RaySplat>,
     tiling: Tiling,
     /// The splats of each tile, front to back.
-    lists: Vec<Vec<u32>>,
+    pub(super) lists: Vec<Vec<u32>>,
 }
 
 impl RayLists {
@@ -28,11 +28,11 @@ impl RayLists {
     pub fn of(gaussians: &Gaussians, camera: &Camera, footprints: &Footprints, rules: &Rules) -> Self {
         let tiling = Tiling::of(camera.size_px);
         let [width, height] = camera.size_px;
-        let ray = |pixel: u32| {
-            let place = [pixel % width, pixel / width].map(|at| f64::from(at) + 0.5);
+        let ray = |pixel: usize| {
+            let place = [pixel as u32 % width, pixel as u32 / width].map(|at| f64::from(at) + 0.5);
             camera.ray(place.into())
         };
-        let rays = (0..width * height).into_par_iter().map(ray).collect();
+        let rays = (0..width as usize * height as usize).into_par_iter().map(ray).collect();
         let is_visible = |id: &u32| {
             let index = *id as usize;
             let depth = camera.depth(camera.view(DVec3::from(gaussians.means()[index].map(f64::from))));
@@ -91,21 +91,5 @@ impl RayLists {
             self.rays[start + columns.start as usize..start + columns.end as usize].iter()
         };
         RayBox::of(rows.flat_map(row).flatten().copied())
-    }
-}
-
-#[cfg(test)]
-impl RayLists {
-    /// The same splats, all listed in every tile that has a ray.
-    pub fn with_all_in_every_tile(mut self) -> Self {
-        let mut order: Vec<u32> = (0..self.splats.len() as u32).collect();
-        order.sort_by_key(|id| (self.splats[*id as usize].depth as f32).to_bits());
-        self.lists.iter_mut().for_each(|list| list.clone_from(&order));
-        self
-    }
-
-    /// Number of splats in the lists of all tiles.
-    pub fn entries(&self) -> usize {
-        self.lists.iter().map(Vec::len).sum()
     }
 }

@@ -32,7 +32,10 @@ use crate::camera::{Camera, Footprints};
 use crate::rules::{Footprint, LOW_PASS, Rules};
 use crate::scene::Gaussians;
 
-/// A Gaussian as the rays of a lens meet it. The symbols are those of the [module](self).
+/// A Gaussian as the rays of a lens meet it.
+///
+/// Of a ray d, s = P (d - n) and w = 1 + q . (d - n). Where w > 0, the squared distance of the Gaussian's greatest value
+/// along the ray is |s|^2 / (w^2 + kappa |s|^2); elsewhere the ray does not meet the Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaySplat {
     /// n: the ray through the mean.
@@ -41,6 +44,7 @@ pub struct RaySplat {
     pub p: [DVec3; 2],
     /// In view axes.
     pub q: DVec3,
+    /// Variance along n that the part across n does not explain, in units of the squared distance of the mean.
     pub kappa: f64,
     /// After the compensation for the low-pass, if the rules ask for it.
     pub opacity: f64,
@@ -71,14 +75,14 @@ const SLACK: f64 = 1e-9;
 
 impl RaySplat {
     /// s and w of a ray.
-    fn met(&self, ray: DVec3) -> (DVec2, f64) {
+    fn s_and_w(&self, ray: DVec3) -> (DVec2, f64) {
         let aside = ray - self.centre;
         (DVec2::new(self.p[0].dot(aside), self.p[1].dot(aside)), 1.0 + self.q.dot(aside))
     }
 
     /// Squared Mahalanobis distance of a ray: infinite if it does not meet the Gaussian.
     pub fn distance(&self, ray: DVec3) -> f64 {
-        let (s, w) = self.met(ray);
+        let (s, w) = self.s_and_w(ray);
         if w > 0.0 { s.length_squared() / (w * w + self.kappa * s.length_squared()) } else { f64::INFINITY }
     }
 
@@ -94,7 +98,7 @@ impl RaySplat {
         let falls_to_zero = |gradient: DVec3, value: f64| {
             value <= gradient.abs().dot(rays.half) + SLACK * (1.0 + gradient.length() + value.abs())
         };
-        let (s, w) = self.met(rays.middle);
+        let (s, w) = self.s_and_w(rays.middle);
         if level.is_nan() || level < 0.0 || !falls_to_zero(self.q, -w) {
             return false;
         }
@@ -110,7 +114,7 @@ impl RaySplat {
 
     /// Relative error of a weight from rounding rays to f32: a few times 2^-24 of their size.
     pub(super) fn weight_doubt(&self, ray: DVec3) -> f64 {
-        let (s, w) = self.met(ray);
+        let (s, w) = self.s_and_w(ray);
         if w <= 0.0 {
             return 0.0;
         }

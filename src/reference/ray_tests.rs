@@ -235,16 +235,41 @@ fn lists_of_tiles_change_nothing() {
             let footprints = Footprints::of(&camera).unwrap();
             let gaussians = around(&camera, 600);
             let listed = RayLists::of(&gaussians, &camera, &footprints, &rules);
-            let whole = RayLists::of(&gaussians, &camera, &footprints, &rules).with_all_in_every_tile();
+            let mut whole = RayLists::of(&gaussians, &camera, &footprints, &rules);
+            let mut order: Vec<u32> = (0..whole.splats.len() as u32).collect();
+            order.sort_by_key(|id| (whole.splats[*id as usize].depth as f32).to_bits());
+            whole.lists.iter_mut().for_each(|list| list.clone_from(&order));
             // A doubt may be that of a splat that ends just before the tile.
             let pixels = |lists: &RayLists| {
                 let pixels = blend_rays(lists, None, DVec3::ONE, &rules);
                 pixels.into_iter().map(|pixel| Pixel { doubt: 0.0, ..pixel }).collect::<Vec<_>>()
             };
             assert!(pixels(&listed) == pixels(&whole), "{:?}", camera.lens);
-            let [few, all] = [&listed, &whole].map(RayLists::entries);
+            let [few, all] = [&listed, &whole].map(|of| of.lists.iter().map(Vec::len).sum::<usize>());
             assert!(few > 0 && 2 * few < all, "{few} of {all}, {:?}", camera.lens);
         }
+    }
+}
+
+#[test]
+fn near_plane_and_depths_are_distances_of_central_lenses() {
+    let central = camera("FISHEYE", &[], 220_f64.to_radians());
+    let parallel = camera("ORTHOGRAPHIC", &[], 2.0);
+    let behind = DVec3::new(1.0, 0.0, -0.2);
+    let beside = DVec3::new(0.6, 0.0, 0.25);
+    let rules = |near: f32| Rules { near, ..Rules::TRAINED };
+    for (camera, direction, distance, depth) in [
+        (&central, behind / behind.length(), 0.5, 0.5),
+        (&central, beside / beside.length(), 2.0, 2.0),
+        (&parallel, beside, 1.0, 0.25),
+    ] {
+        let mean = camera.position + distance * (camera.rotation.transpose() * direction);
+        let gaussians = built(&[gaussian(mean, [0.05; 3], &mut Random::of(0))]);
+        let picture = |near: f32| render(&gaussians, camera, &rules(near), Background::BLACK);
+        let nearest = |plane: &Plane| plane.values.iter().copied().fold(f32::INFINITY, f32::min);
+        let depths = picture(depth as f32 - 0.01).depths();
+        assert!((nearest(&depths.expected) - depth as f32).abs() < 1e-6, "{}", nearest(&depths.expected));
+        assert!(picture(depth as f32 + 0.01).pixels.iter().all(|pixel| pixel.blended == 0));
     }
 }
 
