@@ -67,8 +67,8 @@ pub fn blend(lists: &Lists, tiling: Tiling, background: DVec3, rules: &Rules) ->
     (0..width as usize * height as usize).into_par_iter().with_min_len(256).map(pixel).collect()
 }
 
-/// Blends the pixels of a camera with a lens, row by row. Those without a ray are transparent black. If `rays` are given,
-/// splats are sorted per pixel by their depth along its ray.
+/// Blends the pixels of a camera with a lens, row by row. Pixels without a ray are transparent black. If `rays` are
+/// given, splats are sorted per pixel by their depth along its ray.
 pub fn blend_rays(lists: &RayLists, rays: Option<&Rays>, background: DVec3, rules: &Rules) -> Vec<Pixel> {
     let brightest = brightest(lists.splats.par_iter().map(|splat| splat.colour), background);
     let pixel = |(index, ray): (usize, &Option<DVec3>)| {

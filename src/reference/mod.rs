@@ -59,7 +59,7 @@ pub struct Rendering {
     pub pixels: Vec<Pixel>,
 }
 
-/// Renders a scene in f64.
+/// Renders a scene in f64. Pixels that a lens sees nothing at are transparent black, over any background.
 pub fn render(gaussians: &Gaussians, camera: &Camera, rules: &Rules, background: Background) -> Rendering {
     let background = background.colour().map(f64::from).into();
     let rays = |visible: &[u32]| (rules.order == Order::PerPixel).then(|| Rays::new(gaussians, visible, camera));

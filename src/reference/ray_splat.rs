@@ -15,15 +15,15 @@
 //! distance^2 = |s|^2 / (w^2 + kappa |s|^2)           where w > 0; elsewhere the Gaussian is not met
 //! ```
 //!
-//! In units of r, A' is the covariance across n with the low-pass, and kappa the variance along n that the part across
-//! does not explain. The ray meets the greatest value before the camera if w > 0, behind it otherwise. A ray through the
-//! level set at `distance^2 = level` lies in the cone `|s|^2 (1 - kappa level) <= level w^2`; if kappa level is 1 or
-//! more, the camera is inside, and the cone is the half space w > 0. P depends on the choice of e1 and e2 and of L, P^T
-//! P does not.
+//! In units of r, A' is the covariance across n with the low-pass, and kappa the variance along n for a fixed place
+//! across n. The greatest value lies before the camera if w > 0, behind it otherwise. The rays whose distance^2 is a
+//! level or less are the cone `|s|^2 (1 - kappa level) <= level w^2`, w > 0; if kappa level is 1 or more, the camera is
+//! inside of the Gaussian's ellipsoid of that level, and the cone is the half space w > 0. P depends on the choice of
+//! e1, e2 and L; P^T P does not.
 //!
-//! For a parallel lens the ray along z through (x, y) is d = (x, y, 1), n is the ray through the mean, e1 and e2 are the
-//! x and y axes, M is not divided by r, and F is in squared world units. The value along a ray does not depend on where
-//! the ray begins: gamma = 0, kappa = 0, q = (0, 0, 1). This is EWA splatting without its approximation.
+//! For a parallel lens the ray along z through (x, y) is d = (x, y, 1), n is the ray through the mean, e1 and e2 are
+//! the x and y axes, M is not divided by r, and F is in squared world units. The value along a ray does not depend on
+//! where the ray begins: gamma = 0, kappa = 0, q = (0, 0, 1). This is EWA splatting, which is exact for parallel rays.
 
 use glam::{DMat2, DVec2, DVec3};
 
@@ -34,8 +34,8 @@ use crate::scene::Gaussians;
 
 /// A Gaussian as the rays of a lens meet it.
 ///
-/// Of a ray d, s = P (d - n) and w = 1 + q . (d - n). Where w > 0, the squared distance of the Gaussian's greatest value
-/// along the ray is |s|^2 / (w^2 + kappa |s|^2); elsewhere the ray does not meet the Gaussian.
+/// Of a ray d, s = P (d - n) and w = 1 + q . (d - n). Where w > 0, the squared distance of the Gaussian's greatest
+/// value along the ray is |s|^2 / (w^2 + kappa |s|^2); elsewhere the ray does not meet the Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaySplat {
     /// n: the ray through the mean.
@@ -44,7 +44,7 @@ pub struct RaySplat {
     pub p: [DVec3; 2],
     /// In view axes.
     pub q: DVec3,
-    /// Variance along n that the part across n does not explain, in units of the squared distance of the mean.
+    /// Variance along n for a fixed place across n, in units of the squared distance of the mean.
     pub kappa: f64,
     /// After the compensation for the low-pass, if the rules ask for it.
     pub opacity: f64,
@@ -94,7 +94,7 @@ impl RaySplat {
 
     /// True if a ray of the box may have a squared distance of `level` or less. False is certain.
     pub(super) fn may_reach(&self, rays: &RayBox, level: f64) -> bool {
-        // If a linear function of the ray, with this gradient and value in the middle, is 0 or less somewhere in the box.
+        // If a linear function of the ray is 0 or less somewhere in the box: by its gradient and value in the middle.
         let falls_to_zero = |gradient: DVec3, value: f64| {
             value <= gradient.abs().dot(rays.half) + SLACK * (1.0 + gradient.length() + value.abs())
         };
@@ -102,7 +102,7 @@ impl RaySplat {
         if level.is_nan() || level < 0.0 || !falls_to_zero(self.q, -w) {
             return false;
         }
-        // The cone is |s| <= t w. On the side of s, it touches a plane, which may separate it from the box.
+        // The cone is |s| <= t w. A plane that touches it on the side of s may separate it from the box.
         let inside = 1.0 - self.kappa * level;
         if inside <= 0.0 {
             return true;
@@ -159,7 +159,7 @@ pub fn ray_splat(gaussians: &Gaussians, id: u32, camera: &Camera, footprints: &F
     let gamma = (crossed + adjugate * b) / determinant;
     let kappa = (m3 - gamma.x * m1 - gamma.y * m2).length_squared() + gamma.dot(low_pass * gamma);
 
-    // L is the lower triangle.
+    // The lower triangle L.
     let (covariance, variance) = (m1.dot(m2) + entry(0, 1), m2.dot(m2) + entry(1, 1));
     let p1 = (variance / determinant).sqrt() * e[0] - covariance / (variance * determinant).sqrt() * e[1];
     let p2 = variance.sqrt().recip() * e[1];
