@@ -3,13 +3,14 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use anyhow::{Result, ensure};
 use glam::DVec2;
 
-use super::{Camera, Lens, NamedCamera};
+use super::{Camera, CameraFile, Lens, NamedCamera};
 
 /// Statistics of the cameras of a file that have lenses.
 #[derive(Default)]
-pub(super) struct Distortion {
+struct Distortion {
     /// All cameras, and those with lenses.
     of: usize,
     cameras: usize,
@@ -45,9 +46,32 @@ struct Picture {
 /// Pixels along each side of a picture at which the part that sees nothing is sampled.
 const SAMPLES: u32 = 64;
 
+impl CameraFile {
+    /// The same cameras without their lenses: pinholes of the same poses. Notices say how their pictures differ.
+    ///
+    /// # Errors
+    /// If a lens sees what no pinhole does: all around, or along parallel rays.
+    pub fn into_pinholes(mut self) -> Result<Self> {
+        let distortion = Distortion::of(&self.cameras);
+        for NamedCamera { name, camera } in &mut self.cameras {
+            if let Some(lens) = camera.lens.take() {
+                let is_central = !lens.is_sphere() && !lens.is_parallel();
+                ensure!(is_central, "camera {name:?}: no pinhole sees what its model {} does", lens.model());
+            }
+        }
+        self.notices.splice(0..0, distortion.as_pinholes());
+        Ok(self)
+    }
+
+    /// What a user should know of the lenses of the cameras, a sentence each.
+    pub fn lens_notices(&self) -> Vec<String> {
+        Distortion::of(&self.cameras).through_lenses()
+    }
+}
+
 impl Distortion {
     /// Looks at the cameras of a file.
-    pub fn of(cameras: &[NamedCamera]) -> Self {
+    fn of(cameras: &[NamedCamera]) -> Self {
         let mut distortion = Self { of: cameras.len(), ..Self::default() };
         cameras.iter().for_each(|named| distortion.add(&named.camera));
         distortion
@@ -90,7 +114,7 @@ impl Distortion {
     }
 
     /// The notices where pictures are drawn through the lenses.
-    pub fn through_lenses(&self) -> Vec<String> {
+    fn through_lenses(&self) -> Vec<String> {
         let Self { of, cameras, .. } = self;
         let through = (*cameras > 0).then(|| {
             let drawn = "which are drawn along the rays of their pixels; --undistort draws pinholes";
@@ -104,7 +128,7 @@ impl Distortion {
     }
 
     /// The notices where pictures are drawn as those of pinholes.
-    pub fn as_pinholes(&self) -> Vec<String> {
+    fn as_pinholes(&self) -> Vec<String> {
         let Self { of, cameras, farthest_px, unseen_corners, .. } = self;
         let distorted = (*cameras > 0).then(|| {
             let models = self.models();

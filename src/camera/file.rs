@@ -3,7 +3,6 @@
 use anyhow::{Result, ensure};
 use glam::DMat3;
 
-use super::distortion::Distortion;
 use super::{Camera, MAX_POSITION, MAX_SIDE};
 
 /// A camera with the name of its photograph.
@@ -59,27 +58,6 @@ impl CameraFile {
         let splits = self.splits.unwrap_or_else(|| by_name(&self.cameras));
         let cameras = self.cameras.into_iter().enumerate().zip(splits);
         cameras.filter(|(_, splits)| splits.contains(&split)).map(|(camera, _)| camera).collect()
-    }
-
-    /// The same cameras without their lenses: pinholes of the same poses. Notices say how their pictures differ.
-    ///
-    /// # Errors
-    /// If a lens sees what no pinhole does: all around, or along parallel rays.
-    pub fn into_pinholes(mut self) -> Result<Self> {
-        let distortion = Distortion::of(&self.cameras);
-        for NamedCamera { name, camera } in &mut self.cameras {
-            if let Some(lens) = camera.lens.take() {
-                let is_central = !lens.is_sphere() && !lens.is_parallel();
-                ensure!(is_central, "camera {name:?}: no pinhole sees what its model {} does", lens.model());
-            }
-        }
-        self.notices.splice(0..0, distortion.as_pinholes());
-        Ok(self)
-    }
-
-    /// What a user should know of the lenses of the cameras, a sentence each.
-    pub fn lens_notices(&self) -> Vec<String> {
-        Distortion::of(&self.cameras).through_lenses()
     }
 
     /// Both files joined, `other` after `self`. If only one of them names splits, the cameras of the other are in none.

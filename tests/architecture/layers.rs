@@ -41,7 +41,7 @@ const EDGES: [(&str, &str); 23] = [
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
-const RENDER_ROOMS: [(&str, &str); 23] = [
+const RENDER_ROOMS: [(&str, &str); 24] = [
     ("shaders", ""),
     ("readback", ""),
     ("pack", "shaders"),
@@ -53,6 +53,7 @@ const RENDER_ROOMS: [(&str, &str); 23] = [
     ("constants", "shaders frame"),
     ("arrays", "shaders scene constants"),
     ("portable", "shaders capacity scene frame constants"),
+    ("rays", "shaders scene frame constants portable"),
     ("fast", "shaders capacity scene frame constants portable"),
     ("inspect", "shaders scene frame constants portable"),
     ("prune", "shaders readback capacity scene frame constants portable"),
@@ -61,7 +62,7 @@ const RENDER_ROOMS: [(&str, &str); 23] = [
     ("streaming", "shaders scene lod"),
     ("slabs", "shaders capacity scene frame portable fast inspect pages lod"),
     ("recorded", "shaders path lod streaming slabs"),
-    ("path_choice", "shaders capacity path scene frame portable fast inspect lod streaming slabs recorded"),
+    ("path_choice", "shaders capacity path scene frame portable rays fast inspect lod streaming slabs recorded"),
     ("self_test", "shaders readback capacity path scene frame fast path_choice"),
     (
         "renderer",
