@@ -19,8 +19,7 @@ layout(binding = 5, scalar) writeonly buffer Splats { RaySplat splats[]; };     
 layout(binding = 6, scalar) writeonly buffer DepthKeys { uint depth_keys[]; };              // [visible_capacity]
 layout(binding = 7, scalar) writeonly buffer TileCounts { uint tile_counts[]; };            // [visible_capacity]
 layout(binding = 8, scalar) readonly buffer Cones { Cone cones[]; };                        // [cones]
-// Footprints of directions: xx, yy, zz and xy, xz, yz of a covariance in view axes.
-layout(binding = 9, scalar) readonly buffer Footprints { vec3 footprints[]; };   // [2 (FOOTPRINTS + 1)^2]
+layout(binding = 9, scalar) readonly buffer Footprints { vec3 footprints[]; };              // [(FOOTPRINTS + 1)^2]
 layout(binding = 10, scalar) buffer TotalsBlock { Totals totals; };
 layout(push_constant, scalar) uniform Push {
     View view;
@@ -28,6 +27,7 @@ layout(push_constant, scalar) uniform Push {
     uint cones;
     uint depth_limit;  // the largest depth key, for splats without tiles
     uint depth_shift;  // lowest bits that depth keys leave out
+    float half_sine;   // of the last row of footprints
 } push;
 
 layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
@@ -38,30 +38,19 @@ const float COMPENSATION_MIN = 0.005;  // lower limit of the factor of an opacit
 #include "rays/view.glsl"
 #include "rays/walk_tiles.glsl"
 
-// The covariance of directions that a pixel covers around a unit direction, as its diagonal and the rest. The table
-// is an octahedral map with +z in the middle.
-void footprint_at(vec3 n, out vec3 diagonal, out vec3 rest) {
-    vec2 at = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
-    if (n.z < 0.0) at = (1.0 - abs(at.yx)) * mix(vec2(-1.0), vec2(1.0), greaterThanEqual(at, vec2(0.0)));
-    vec2 cells = (0.5 * at + 0.5) * float(FOOTPRINTS);
-    uvec2 cell = uvec2(clamp(cells, vec2(0.0), vec2(float(FOOTPRINTS - 1))));
+// The covariance of directions that a pixel covers at a unit direction `rho` from the axis: away from the axis, mixed,
+// around it. The table has rows by the sine of half the angle, columns by the place on a square around the axis.
+vec3 footprint_at(vec3 n, float rho) {
+    float row = min(0.5 * length(vec2(rho, 1.0 - n.z)) / push.half_sine, 1.0) * float(FOOTPRINTS);
+    vec2 place = n.xy / max(abs(n.x) + abs(n.y), 1e-30);
+    float around = place.y >= 0.0 ? (place.x >= 0.0 ? place.y : 1.0 - place.x)
+                                  : (place.x < 0.0 ? 2.0 - place.y : 3.0 + place.x);
+    vec2 cells = vec2(0.25 * around * float(FOOTPRINTS), row);
+    uvec2 cell = min(uvec2(cells), uvec2(FOOTPRINTS - 1));
     vec2 inside = cells - vec2(cell);
-    diagonal = rest = vec3(0.0);
-    for (uint k = 0; k < 4; k++) {
-        uvec2 corner = uvec2(k & 1, k >> 1);
-        vec2 part = mix(1.0 - inside, inside, equal(corner, uvec2(1)));
-        uint place = 2 * ((cell.y + corner.y) * (FOOTPRINTS + 1) + cell.x + corner.x);
-        diagonal += part.x * part.y * footprints[place];
-        rest += part.x * part.y * footprints[place + 1];
-    }
-}
-
-// Two unit vectors across `n` and each other (Duff et al., "Building an Orthonormal Basis, Revisited", 2017).
-void frame_at(vec3 n, out vec3 e1, out vec3 e2) {
-    float side = n.z < 0.0 ? -1.0 : 1.0;
-    float a = -1.0 / (side + n.z), b = n.x * n.y * a;
-    e1 = vec3(1.0 + side * n.x * n.x * a, side * b, -side * n.x);
-    e2 = vec3(b, side + n.y * n.y * a, -n.y);
+    uint first = cell.y * (FOOTPRINTS + 1) + cell.x, second = first + FOOTPRINTS + 1;
+    vec3 low = mix(footprints[first], footprints[first + 1], inside.x);
+    return mix(low, mix(footprints[second], footprints[second + 1], inside.x), inside.y);
 }
 
 // A direction of view axes in world axes.
@@ -75,17 +64,15 @@ RaySplat make_splat(uint gaussian, vec3 p) {
     vec3 scale;
     load_shape(gaussian, rotation, scale, splat.opacity);
     float unit = unit_of(p);
-    vec3 centre = centre_of(p), normal = push.is_parallel == 1 ? vec3(0.0, 0.0, 1.0) : centre, e1, e2, diagonal, rest;
-    frame_at(normal, e1, e2);
-    if (push.is_parallel == 1) {
-        diagonal = vec3(1.0 / (VIEW.focal_px * VIEW.focal_px), 0.0);
-        rest = vec3(0.0);
-    } else {
-        footprint_at(normal, diagonal, rest);
-    }
-    mat3 footprint = LOW_PASS * mat3(diagonal.x, rest.xy, rest.x, diagonal.y, rest.z, rest.yz, diagonal.z);
-    vec3 f1 = footprint * e1;
-    float l11 = dot(e1, f1), l12 = dot(e2, f1), l22 = dot(e2, footprint * e2);
+    bool is_parallel = push.is_parallel == 1;
+    vec3 centre = centre_of(p), normal = is_parallel ? vec3(0.0, 0.0, 1.0) : centre;
+    // The frame across the direction: away from the axis, and around it.
+    float rho = length(normal.xy);
+    vec2 azimuth = rho > 0.0 ? normal.xy / rho : vec2(1.0, 0.0);
+    vec3 e1 = vec3(normal.z * azimuth, -rho), e2 = vec3(-azimuth.y, azimuth.x, 0.0);
+    vec2 px = 1.0 / VIEW.focal_px;
+    vec3 low_pass = LOW_PASS * (is_parallel ? vec3(px.x * px.x, 0.0, px.y * px.y) : footprint_at(normal, rho));
+    float l11 = low_pass.x, l12 = low_pass.y, l22 = low_pass.z;
     // Beyond 1e9 units a longer axis changes no weight.
     scale = min(scale / unit, 1e9);
     mat3 turned = rotation_matrix(rotation);
@@ -97,7 +84,7 @@ RaySplat make_splat(uint gaussian, vec3 p) {
     // The Cholesky factor of the inverse of [a b; b c].
     float fx = sqrt(c / determinant), fy = -(b / sqrt(c)) / sqrt(determinant), fz = 1.0 / sqrt(c);
     vec2 whitened = vec2(fx * dot(m1, m3) + fy * dot(m2, m3), fz * dot(m2, m3));
-    vec2 gamma = push.is_parallel == 1 ? vec2(0.0) : vec2(fx * whitened.x, fy * whitened.x + fz * whitened.y);
+    vec2 gamma = is_parallel ? vec2(0.0) : vec2(fx * whitened.x, fy * whitened.x + fz * whitened.y);
     vec3 along = m3 - gamma.x * m1 - gamma.y * m2;
     // The variance along the ray that is left, as a sum of squares.
     float kappa = dot(along, along) + gamma.x * gamma.x * l11 + 2.0 * gamma.x * gamma.y * l12 + gamma.y * gamma.y * l22;
@@ -106,7 +93,7 @@ RaySplat make_splat(uint gaussian, vec3 p) {
     splat.u = to_exp2 * (fx * e1 + fy * e2);
     splat.v = to_exp2 * fz * e2;
     splat.q = normal - gamma.x * e1 - gamma.y * e2;
-    splat.kappa = push.is_parallel == 1 ? 0.0 : kappa / (0.5 * LOG2_E);
+    splat.kappa = is_parallel ? 0.0 : kappa / (0.5 * LOG2_E);
     if (ANTIALIASED) splat.opacity *= sqrt(max(sharp / determinant, COMPENSATION_MIN * COMPENSATION_MIN));
     float deviations = sqrt(max(falloff_limit(splat.opacity), 0.0) / (0.5 * LOG2_E));
     float radius = max(scale.x, max(scale.y, scale.z)) + sqrt(l11 + l22);

@@ -55,17 +55,27 @@ impl<'a> Footprints<'a> {
         let across = direction.truncate();
         let azimuth = across.normalize_or(DVec2::X);
         let angle = across.length().atan2(direction.z);
-        let inverse = if self.lens.is_sphere() {
-            // Columns near a pole repeat what others show: a pixel is as wide as its row is high.
-            DMat2::IDENTITY * self.focal_px.y.powi(-2)
-        } else {
-            self.per_px(angle.min(self.limit), azimuth).map_or(DMat2::NAN, |per_px| per_px.inverse())
-        };
+        let [along, mixed, across] = self.in_frame(angle.min(self.limit), azimuth);
         let [out, around] = frame(angle, azimuth);
         let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
-        outer(out, out) * inverse.x_axis.x
-            + (outer(out, around) + outer(around, out)) * inverse.x_axis.y
-            + outer(around, around) * inverse.y_axis.y
+        outer(out, out) * along + (outer(out, around) + outer(around, out)) * mixed + outer(around, around) * across
+    }
+
+    /// The largest angle from the axis whose pixels are measured, in radians. Beyond it footprints stay the same.
+    pub fn limit(&self) -> f64 {
+        self.limit
+    }
+
+    /// The covariance of a central lens at an angle from the axis, at most [`Footprints::limit`], and at a unit azimuth:
+    /// variance away from the axis, covariance, variance around it, in squared radians.
+    pub fn in_frame(&self, angle: f64, azimuth: DVec2) -> [f64; 3] {
+        if self.lens.is_sphere() {
+            // Columns near a pole repeat what others show: a pixel is as wide as its row is high.
+            let variance = self.focal_px.y.powi(-2);
+            return [variance, 0.0, variance];
+        }
+        let inverse = self.per_px(angle, azimuth).map_or(DMat2::NAN, |per_px| per_px.inverse());
+        [inverse.x_axis.x, inverse.x_axis.y, inverse.y_axis.y]
     }
 
     /// J^T J of the map from directions to pixels, in the frame of a direction.

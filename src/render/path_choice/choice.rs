@@ -174,9 +174,9 @@ impl PathChoice {
 
     /// The fewest bytes that every stage of a frame on `path` moves.
     pub fn least_bytes(&self, path: Path, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
-        let mut stages = match &self.fast {
-            Some(fast) if path == Path::Fast => fast.pipeline.least_bytes(shot, totals),
-            _ if path == Path::Rays => Vec::new(),
+        let mut stages = match (path, &self.fast, &self.rays) {
+            (Path::Fast, Some(fast), _) => fast.pipeline.least_bytes(shot, totals),
+            (Path::Rays, _, Some(rays)) => rays.least_bytes(shot, totals, self.portable.pipeline()),
             _ => self.portable.pipeline().least_bytes(shot, totals),
         };
         // Frames in slabs: begin writes the states of pixels, finish reads them and writes the picture.

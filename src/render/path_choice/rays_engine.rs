@@ -57,9 +57,17 @@ impl RaysEngine {
 
     /// Records a frame that was prepared.
     pub fn record(&self, cmd: &mut Commands, shot: Shot, target: Target, portable: &PortableEngine) {
+        self.pipeline.record(cmd, portable.pipeline(), self.frame(shot), target, self.passes);
+    }
+
+    /// The fewest bytes that every stage of a frame moves.
+    pub fn least_bytes(&self, shot: Shot, totals: &Totals, portable: &PortablePipeline) -> Vec<(&'static str, u64)> {
+        self.pipeline.least_bytes(portable, self.frame(shot), totals)
+    }
+
+    fn frame<'f>(&'f self, shot: Shot<'f>) -> RaysFrame<'f> {
         let tables = self.tables.as_ref().expect("a frame along rays was prepared");
-        let frame = RaysFrame { shot, tables, work: &self.work, splats: &self.splats };
-        self.pipeline.record(cmd, portable.pipeline(), frame, target, self.passes);
+        RaysFrame { shot, tables, work: &self.work, splats: &self.splats }
     }
 
     /// Enlarges the buffers to the demand of a frame that counted `totals`.

@@ -12,7 +12,7 @@ use crate::render::constants::shared;
 use crate::render::frame::{DepthKeys, Shot, SubgroupLimits, Target, Variation, footprint_code, tiles};
 use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk, chunks};
 use crate::render::shaders::rays::*;
-use crate::render::shaders::{PortableDispatches, RaySplat, SharedConstants};
+use crate::render::shaders::{PortableDispatches, RaySplat, SharedConstants, Totals};
 use crate::rules::{Footprint, Order, Rules};
 
 /// The stages of a frame along rays, for one set of options and one layout of a scene.
@@ -106,6 +106,32 @@ impl RaysPipeline {
         cmd.scope("blend", |cmd| self.blend(cmd, portable, frame, splat_ids, target, passes));
     }
 
+    /// The fewest bytes that each stage moves through device memory, as [`PortablePipeline::least_bytes`].
+    pub fn least_bytes(
+        &self,
+        portable: &PortablePipeline,
+        frame: RaysFrame,
+        totals: &Totals,
+    ) -> Vec<(&'static str, u64)> {
+        let RaysFrame { shot: Shot { scene, camera }, .. } = frame;
+        let [visible, instances] = [totals.visible_kept, totals.listed_kept].map(u64::from);
+        let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
+        let splat = size_of::<RaySplat>() as u64;
+        let mut stages = portable.least_bytes(frame.shot, totals);
+        for (stage, bytes) in &mut stages {
+            match *stage {
+                // Id and Gaussian in; splat, depth key and tile count out.
+                "project" => *bytes = visible * (4 + scene.bytes_each() + splat + 4 + 4),
+                // Order, offset, tile count and splat in; tile key and splat out.
+                "duplicate" => (*stage, *bytes) = ("list", visible * (4 + 4 + 4 + splat) + 8 * instances),
+                // Ids in; every splat in once; the rays in; the image out.
+                "blend" => *bytes = 4 * instances + splat * visible + (12 + 16) * pixels,
+                _ => {}
+            }
+        }
+        stages
+    }
+
     /// Marks the Gaussians that rays may meet.
     pub fn cull(&self, cmd: &mut Commands, portable: &PortablePipeline, frame: RaysFrame) {
         let RaysFrame { shot, tables, work, .. } = frame;
@@ -147,6 +173,7 @@ impl RaysPipeline {
             cones: tables.cones.len() as u32,
             depth_limit: keys.limit(),
             depth_shift: keys.shift,
+            half_sine: tables.half_sine,
         };
         let groups = offset_of!(PortableDispatches, over_visible);
         cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, groups);

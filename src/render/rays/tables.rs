@@ -1,5 +1,7 @@
 //! What the stages need of a camera's lens: rays of pixels, cones of tiles, footprints of directions.
 
+use std::f64::consts::FRAC_PI_2;
+
 use anyhow::{Context, Result};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -18,8 +20,10 @@ pub struct RayTables {
     pub rays: Buffer<[f32; 3]>,
     /// The tree of cones.
     pub cones: Buffer<Cone>,
-    /// Footprints at the corners of an octahedral map: diagonal and rest of each covariance.
+    /// Footprints by angle and azimuth: variance away from the axis, covariance, variance around it.
     pub footprints: Buffer<[f32; 3]>,
+    /// The sine of half the angle of the last row of footprints.
+    pub half_sine: f32,
     /// Of all footprints: the root of the sum of their variances.
     pub widest: f32,
 }
@@ -32,14 +36,15 @@ impl RayTables {
     pub fn new(device: &Device, camera: &Camera) -> Result<Self> {
         let rays = rays(camera);
         let cones = cones(&rays, camera.size_px);
-        let footprints = footprints(&Footprints::of(camera).context("a pinhole needs no rays")?);
-        let variances = footprints.chunks_exact(2).map(|covariance| covariance[0].iter().sum::<f32>());
-        let widest = variances.fold(0.0, f32::max).sqrt();
+        let of = Footprints::of(camera).context("a pinhole needs no rays")?;
+        let footprints = footprints(&of);
+        let widest = footprints.iter().map(|[along, _, across]| along + across).fold(0.0, f32::max).sqrt();
         let tables = Self {
             camera: camera.clone(),
             rays: Buffer::new(device, "rays of pixels", rays.len())?,
             cones: Buffer::new(device, "cones of tiles", cones.len())?,
             footprints: Buffer::new(device, "footprints", footprints.len())?,
+            half_sine: half_sine(of.limit()) as f32,
             widest,
         };
         let mut cmd = Commands::new(device)?;
@@ -162,21 +167,21 @@ fn add_cones(
     }
 }
 
-/// The footprints at the corners of the octahedral map, whose middle is +z: diagonals (xx, yy, zz) and rests (xy, xz,
-/// yz), in turn.
+/// The footprints at the corners of the table: rows by the sine of half the angle from the axis, up to that of the
+/// limit; columns around the axis, by the place on the square with corners on the axes.
 fn footprints(of: &Footprints) -> Vec<[f32; 3]> {
     let side = FOOTPRINTS + 1;
+    let part = |i: u32| f64::from(i) / f64::from(FOOTPRINTS);
     let corner = |place: u32| {
-        let at = |i: u32| f64::from(i) / f64::from(FOOTPRINTS) * 2.0 - 1.0;
-        let mut direction = DVec3::new(at(place % side), at(place / side), 0.0);
-        direction.z = 1.0 - direction.x.abs() - direction.y.abs();
-        if direction.z < 0.0 {
-            let fold = |a: f64, b: f64| (1.0 - a.abs()).copysign(b);
-            direction = DVec3::new(fold(direction.y, direction.x), fold(direction.x, direction.y), direction.z);
-        }
-        let covariance = of.covariance(direction);
-        let [x, y, z] = [covariance.x_axis, covariance.y_axis, covariance.z_axis];
-        [DVec3::new(x.x, y.y, z.z), DVec3::new(x.y, x.z, y.z)].map(|v| v.as_vec3().to_array())
+        let angle = 2.0 * (part(place / side) * half_sine(of.limit())).asin();
+        let around = 4.0 * part(place % side);
+        let (edge, along) = (around.floor(), around.fract());
+        let azimuth = DVec2::from_angle(FRAC_PI_2 * edge).rotate(DVec2::new(1.0 - along, along).normalize());
+        of.in_frame(angle.min(of.limit()), azimuth).map(|value| value as f32)
     };
-    (0..side * side).into_par_iter().flat_map_iter(corner).collect()
+    (0..side * side).into_par_iter().map(corner).collect()
+}
+
+fn half_sine(angle: f64) -> f64 {
+    (angle / 2.0).sin()
 }
