@@ -11,7 +11,7 @@ const uint BIN_CHUNKS = 264;     // fewest chunks of the splats; each is listed 
 const uint MAX_BIN_CHUNKS = 2048;  // four for each lane of sort
 const uint MANY_SPLATS = 2500000;  // splats from which on there are more chunks than BIN_CHUNKS
 const uint BIN_RUN = 2048;       // entries that one workgroup of sort sorts
-const uint MERGE_RUNS = 32;      // most runs of a list that are merged at once
+const uint MERGE_RUNS = 64;      // most runs of a list that are merged at once
 const uint BIN_SEGMENT = 1024;   // entries of a list whose masks lie together
 
 // The list of a bin: entries [first, first + count). Its runs and segments are numbered from first_run and

@@ -33,6 +33,7 @@ layout(push_constant, scalar) uniform Push {
 
 shared RaySplat staged[WORKGROUP];
 shared float staged_limit[WORKGROUP];  // the falloff beyond which the splat is not drawn
+shared Reach staged_reach[WORKGROUP];
 
 PLACE place_of(uvec2 pixel) {
     bool inside = all(lessThan(pixel, push.size_px));
@@ -59,12 +60,13 @@ Block block_of(PLACE ray, bool inside) {
 }
 
 bool reaches(uint i, Block block) {
-    return meets(staged[i], reach_of(staged[i], staged_limit[i]), block.middle, block.spread);
+    return meets(staged[i], staged_reach[i], block.middle, block.spread);
 }
 
 void stage(RaySplat splat) {
     staged[lane()] = splat;
     staged_limit[lane()] = falloff_limit(splat.opacity);
+    staged_reach[lane()] = reach_of(splat, staged_limit[lane()]);
 }
 
 bool blend_staged(uint i, PLACE ray, inout vec3 colour, inout float transmittance) {

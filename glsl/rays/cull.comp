@@ -15,19 +15,30 @@ layout(push_constant, scalar) uniform Push {
     uint gaussians;
     uint is_parallel;
     float widest;  // of all footprints: the root of the sum of their variances
+    uint cones;
 } push;
 
 #include "rays/view.glsl"
 
-// The words of `bound` are those of shared/cull_test.glsl. The cone of the whole picture is the first.
+// The words of `bound` are those of shared/cull_test.glsl.
 bool may_be_visible(uvec4 bound) {
     vec3 mean = uintBitsToFloat(bound.xyz);
     float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
     if (!(reach >= 0.0 && far_of(mean) > VIEW.near)) return false;
     vec3 p = view_axes(mean);
     float angle = 1.00001 * reach / unit_of(p) + deviations * sqrt(LOW_PASS) * push.widest;
-    vec4 sphere = uintBitsToFloat(cones[0].sphere);
-    return distance(sphere.xyz, centre_of(p)) <= chord_of(angle) + sphere.w;
+    vec3 centre = centre_of(p);
+    float chord = chord_of(angle);
+    // Cones of so few cones are not opened.
+    uint few = push.cones / 64;
+    for (uint cone = 0; cone < push.cones;) {
+        Cone c = cones[cone];
+        vec4 sphere = uintBitsToFloat(c.sphere);
+        bool is_met = distance(sphere.xyz, centre) <= chord + sphere.w;
+        if (is_met && c.next - cone <= few + 1) return true;
+        cone = is_met ? cone + 1 : c.next;
+    }
+    return false;
 }
 
 #include "portable/cull_chunk.glsl"

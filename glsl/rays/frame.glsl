@@ -27,7 +27,7 @@ struct Cone {
 
 const uint FOOTPRINTS = 256;  // cells along a side of the table of footprints
 const uint NO_TILE = 4294967295;
-const float EVERYWHERE = 1e30;  // longer than every chord
+const float EVERYWHERE = 1e15;  // longer than every chord
 
 // What the test of a cone needs of a splat.
 struct Reach {
@@ -44,11 +44,14 @@ Reach reach_of(RaySplat splat, float limit) {
 }
 
 // False only if no ray within `spread` of `middle` meets the splat.
+// `precise`: stages that count and list tiles decide alike, and a cone within another is met only if that is met.
 bool meets(RaySplat splat, Reach reach, vec3 middle, float spread) {
-    vec3 e = middle - splat.centre;
-    if (length(e) > splat.chord + spread) return false;
-    float w = dot(splat.q, middle) + reach.along * spread;
+    precise vec3 e = middle - splat.centre;
+    precise float square = dot(e, e), chord = splat.chord + spread;
+    if (square > chord * chord) return false;
+    precise float w = dot(splat.q, middle) + reach.along * spread;
     if (!(w > 0.0)) return false;
-    float s = length(vec2(dot(splat.u, e), dot(splat.v, e)));
-    return reach.slope < 0.0 || s <= reach.slope * w + reach.across * spread;
+    precise float u = dot(splat.u, e), v = dot(splat.v, e);
+    precise float s = u * u + v * v, most = reach.slope * w + reach.across * spread;
+    return reach.slope < 0.0 || s <= most * most;
 }

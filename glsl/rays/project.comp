@@ -1,5 +1,6 @@
 #version 460
 #include "shared/workgroup.glsl"
+#include "shared/ballot.glsl"
 #include "rays/frame.glsl"
 #include "shared/depth.glsl"
 #include "shared/harmonics.glsl"
@@ -28,6 +29,7 @@ layout(push_constant, scalar) uniform Push {
     uint depth_limit;  // the largest depth key, for splats without tiles
     uint depth_shift;  // lowest bits that depth keys leave out
     float half_sine;   // of the last row of footprints
+    float large;       // the chord beyond which a subgroup shares a splat
 } push;
 
 layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
@@ -108,12 +110,22 @@ void main() {
     vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
     vec3 p = view_axes(mean);
     RaySplat splat;
+    Reach reach;
+    bool is_drawn = false;
     if (exists) {
         splat = make_splat(gaussian, p);
         float limit = falloff_limit(splat.opacity);
-        Reach reach = reach_of(splat, limit);
-#define COUNT(tile) tiles++;
-        if (limit >= 0.0) WALK_TILES(splat, reach, COUNT)
+        reach = reach_of(splat, limit);
+        is_drawn = limit >= 0.0;
+        if (is_drawn && !is_large(splat)) WALK_TILES(splat, reach, 0, push.cones, COUNT_TILE)
+    }
+    uvec4 waiting = subgroupBallot(is_drawn && is_large(splat));
+    for (uint w = 0; w < BALLOT_WORDS; w++) {
+        for (uint word = waiting[w]; word != 0; word &= word - 1) {
+            uint owner = 32 * w + findLSB(word);
+            uint all = subgroupAdd(count_part(broadcast_splat(splat, owner), broadcast_reach(reach, owner)));
+            if (gl_SubgroupInvocationID == owner) tiles = all;
+        }
     }
     uint total;
     workgroup_exclusive_add(tiles, total);

@@ -146,6 +146,7 @@ impl RaysPipeline {
             gaussians: shot.scene.len() as u32,
             is_parallel: frame.is_parallel().into(),
             widest: tables.widest,
+            cones: tables.cones.len() as u32,
         };
         cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(chunks(shot.scene).into()));
     }
@@ -174,6 +175,7 @@ impl RaysPipeline {
             depth_limit: keys.limit(),
             depth_shift: keys.shift,
             half_sine: tables.half_sine,
+            large: tables.large,
         };
         let groups = offset_of!(PortableDispatches, over_visible);
         cmd.dispatch_indirect(&self.project, bindings, push, &work.dispatches, groups);
@@ -192,7 +194,7 @@ impl RaysPipeline {
             tile_keys: &work.instances.keys[0],
             splat_ids: &work.instances.values[0],
         };
-        let push = ListPush { cones: tables.cones.len() as u32 };
+        let push = ListPush { cones: tables.cones.len() as u32, large: tables.large };
         let groups = offset_of!(PortableDispatches, over_visible);
         cmd.dispatch_indirect(&self.list, bindings, push, &work.dispatches, groups);
     }

@@ -20,6 +20,8 @@ pub struct RayTables {
     pub rays: Buffer<[f32; 3]>,
     /// The tree of cones.
     pub cones: Buffer<Cone>,
+    /// The chord beyond which a subgroup shares a splat: some tiles.
+    pub large: f32,
     /// Footprints by angle and azimuth: variance away from the axis, covariance, variance around it.
     pub footprints: Buffer<[f32; 3]>,
     /// The sine of half the angle of the last row of footprints.
@@ -43,6 +45,7 @@ impl RayTables {
             camera: camera.clone(),
             rays: Buffer::new(device, "rays of pixels", rays.len())?,
             cones: Buffer::new(device, "cones of tiles", cones.len())?,
+            large: LARGE_TILES * mean_spread(&cones),
             footprints: Buffer::new(device, "footprints", footprints.len())?,
             half_sine: half_sine(of.limit()) as f32,
             widest,
@@ -75,6 +78,16 @@ fn rays(camera: &Camera) -> Vec<[f32; 3]> {
         camera.ray(centre).unwrap_or(DVec3::ZERO).as_vec3().to_array()
     };
     (0..width * height).into_par_iter().with_min_len(1024).map(ray).collect()
+}
+
+/// Splats that reach over more tiles, by their number along a side, are shared by subgroups.
+const LARGE_TILES: f32 = 6.0;
+
+/// The mean spread of the cones of tiles.
+fn mean_spread(cones: &[Cone]) -> f32 {
+    let spreads = cones.iter().filter(|cone| cone.tile != NO_TILE).map(|cone| f32::from_bits(cone.sphere[3]));
+    let (sum, count) = spreads.fold((0.0, 0), |(sum, count), spread| (sum + spread, count + 1));
+    sum / count.max(1) as f32
 }
 
 /// A sphere that holds the ends of rays.
