@@ -90,7 +90,7 @@ use crate::host_memory::OutOfMemory;
 use crate::measure::metrics::psnr;
 use crate::measure::trade::Unmeetable;
 use crate::pixels::Pixels;
-use crate::render::{NoLevels, Renderer};
+use crate::render::{NoLevels, Renderer, UndrawableLens};
 use crate::rules::Background;
 use crate::scene::Unreadable;
 use crate::threads;
@@ -248,7 +248,7 @@ fn run_with(
 }
 
 fn exit_code(error: &anyhow::Error) -> u8 {
-    if error.is::<Usage>() || error.is::<NoLevels>() || error.is::<TooLarge>() {
+    if error.is::<Usage>() || error.is::<NoLevels>() || error.is::<UndrawableLens>() || error.is::<TooLarge>() {
         2
     } else if error.is::<Unavailable>() {
         3

@@ -95,7 +95,7 @@ pub use prune::{Bounds as PruneBounds, Pruner, Share};
 pub use recorded::Frame;
 #[doc(hidden)]
 pub use recorded::{Recorded, Started};
-pub use renderer::Renderer;
+pub use renderer::{Renderer, UndrawableLens};
 #[doc(hidden)]
 pub use scene::Content;
 pub use scene::{Features, GpuScene, NoLevels, PagesRead, SceneSource, Upload};

@@ -25,7 +25,7 @@ fn a_found_camera_file_that_cannot_be_used_is_a_note_and_the_default_view() {
     let render = ["render", &scene, "--size", "16x12", "-o", &out];
     ok(&render);
     let expected = fs::read(&out).unwrap();
-    let frame = r#"{"camera_model": "EQUIRECTANGULAR", "w": 8, "h": 8, "fl_x": 5, "frames": [{"file_path": "a",
+    let frame = r#"{"camera_model": "ORTHOPHOTO", "w": 8, "h": 8, "fl_x": 5, "frames": [{"file_path": "a",
         "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
     for (name, text) in [
         ("cameras.json", r#"{"cameras":[{"name":"front"}]}"#),

@@ -14,6 +14,7 @@ mod help;
 #[cfg(unix)]
 mod hostile;
 mod knobs;
+mod lenses;
 #[cfg(unix)]
 mod outputs;
 mod places;

@@ -13,6 +13,7 @@ use smalto::reference;
 use smalto::rules::Background;
 
 use super::camera_choice::pictures;
+use super::lenses::as_pinholes;
 
 pub(super) fn fixture(name: &str) -> PathBuf {
     Path::new("tests/fixtures/colmap").join(name)
@@ -103,7 +104,7 @@ fn lens_distortion_is_reported_with_colmaps_distance() {
         assert!(camera.contains(&format!(" {model} ")));
         fs::write(folder.path().join("images.txt"), format!("{image}\n\n")).unwrap();
         fs::write(folder.path().join("cameras.txt"), camera).unwrap();
-        let notices = read(folder.path()).notices;
+        let notices = as_pinholes(read(folder.path()));
         let told = format!("1 of 1 cameras have lenses that distort ({model}), and are drawn as pinholes");
         match model.as_str() {
             _ if corner_px > 0.0 => assert_eq!(notices, [format!("{told}, with corners up to {corner_px:.1} px off")]),
@@ -113,9 +114,9 @@ fn lens_distortion_is_reported_with_colmaps_distance() {
     }
     assert_eq!(said, 8);
     let all = read(fixture("text"));
-    let told = all.notices.concat();
+    let told = as_pinholes(all.clone()).concat();
     assert!(told.starts_with("8 of 12 cameras") && told.ends_with("with corners up to 25.8 px off"), "{told}");
-    let models: Vec<_> = all.cameras.iter().map(|named| Some(named.lens.as_ref()?.model())).collect();
+    let models: Vec<_> = all.cameras.iter().map(|named| Some(named.camera.lens.as_ref()?.model())).collect();
     let bent = expected().into_iter().map(|e| (e.corner_px > 0.0).then_some(e.model));
     assert_eq!(models, bent.collect::<Vec<_>>().iter().map(Option::as_deref).collect::<Vec<_>>());
 }
@@ -204,11 +205,12 @@ fn frames_of_transforms_json_override_the_file() {
         "1 of 2 cameras have lenses that distort (OPENCV), and are drawn as pinholes, \
              with corners up to {off:.1} px off"
     );
-    assert_eq!(read.notices, [told]);
+    assert_eq!(as_pinholes(read), [told]);
     for (from, to) in [("\"OPENCV\"", "\"OPENCV_FISHEYE\""), ("\"camera_model\": \"OPENCV\"", "\"is_fisheye\": true")] {
         let text = fs::read_to_string(&file).unwrap().replace(from, to).replace("\"k1\": 0.1", "\"k1\": 0");
         let (_folder, file) = written("transforms.json", text);
-        assert!(camera::read(&file).unwrap().notices[0].contains("fisheye") || to.contains("FISHEYE"), "{to}");
+        let notices = as_pinholes(camera::read(&file).unwrap());
+        assert!(notices[0].contains("fisheye") || to.contains("FISHEYE"), "{to}");
     }
 }
 
@@ -338,7 +340,7 @@ fn commands_read_models_and_splits_and_report_what_they_ignore() {
     let output = smalto(&[&common[..], &[&path(&folder, "test"), "--camera", "all", "--split", "test"]].concat());
     let error = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{error}");
-    assert!(error.contains("8 of 12 cameras have lenses that distort") && error.contains("of 2 models"), "{error}");
+    assert!(error.contains("8 of 12 cameras have lenses (") && error.contains("of 2 models"), "{error}");
     assert_eq!(pictures(&path(&folder, "test")), ["00000.png", "00008.png"], "positions in the file");
     ok(&[&common[..], &[&path(&folder, "one.png"), "--camera", "right/004.jpg"]].concat());
     let bytes = |name: &str| fs::read(path(&folder, name)).unwrap();

@@ -1,12 +1,14 @@
-//! Lenses of camera files: every model is read, and notices state what the pictures lack.
+//! Lenses of camera files: every model is read, and notices state what pictures of lenses and of pinholes show.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::fs;
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use smalto::camera::{CameraFile, Lens, NamedCamera};
 
 use super::cameras::{FRAME, fixture, read, written};
+
+const AHEAD: DVec3 = DVec3::new(0.6, -0.4, 1.0);
 
 /// A text model of COLMAP with one photograph of this camera, 2000 by 1500 pixels.
 fn model(camera: &str) -> CameraFile {
@@ -23,8 +25,15 @@ fn transforms(members: &str) -> CameraFile {
     read(&file)
 }
 
-fn px(NamedCamera { camera, lens, .. }: &NamedCamera, view: DVec3) -> Option<DVec2> {
-    Some(lens.as_ref().unwrap().plane(view)? * camera.focal_px + camera.centre_px)
+fn lens(of: &NamedCamera) -> Option<&Lens> {
+    of.camera.lens.as_deref()
+}
+
+/// The notices where the cameras are drawn as pinholes, which have no lens then.
+pub(super) fn as_pinholes(read: CameraFile) -> Vec<String> {
+    let pinholes = read.into_pinholes().unwrap();
+    assert!(pinholes.cameras.iter().all(|named| named.camera.lens.is_none()));
+    pinholes.notices
 }
 
 /// Places of (0.6, -0.4, 1) by an independent program in NumPy, which agrees with COLMAP and gsplat.
@@ -50,23 +59,27 @@ fn every_model_of_colmap_is_read_with_its_lens() {
         ("EUCM 900 905 1010 740 0.6 1.1", [1478.637501, 425.839305]),
     ] {
         let read = model(camera);
-        let found = px(&read.cameras[0], DVec3::new(0.6, -0.4, 1.0)).unwrap();
+        let (found, _) = read.cameras[0].camera.projected(AHEAD).unwrap();
         let tolerance = if camera.starts_with("SIMPLE") { 2e-3 } else { 1e-5 };
         assert!(found.distance(known.into()) < tolerance, "{camera}: {found}");
         let name = camera.split(' ').next().unwrap();
-        assert_eq!(read.cameras[0].lens.as_ref().unwrap().model(), name);
-        assert!(read.notices[0].starts_with(&format!("1 of 1 cameras have lenses that distort ({name})")));
+        assert_eq!(lens(&read.cameras[0]).unwrap().model(), name);
+        assert_eq!(read.notices, Vec::<String>::new(), "a reader does not know how its cameras are drawn");
+        let through = format!("1 of 1 cameras have lenses ({name}), which are drawn along the rays of their pixels");
+        assert!(read.lens_notices()[0].starts_with(&through));
+        assert!(as_pinholes(read)[0].starts_with(&format!("1 of 1 cameras have lenses that distort ({name})")));
     }
     for pinhole in ["PINHOLE 900 905 1010 740", "EUCM 900 905 1010 740 0 1", "DIVISION 900 905 1010 740 0"] {
         let read = model(pinhole);
-        assert_eq!((&read.cameras[0].lens, read.notices.len()), (&None, 0), "{pinhole}");
+        assert_eq!((lens(&read.cameras[0]), read.lens_notices().len()), (None, 0), "{pinhole}");
+        assert_eq!(as_pinholes(read), Vec::<String>::new(), "{pinhole}");
     }
 }
 
 #[test]
 fn binary_models_have_the_lenses_of_text_models() {
     let [binary, text] = ["sparse/1", "text"].map(|name| read(fixture(name)).cameras);
-    let lenses = |of: &[NamedCamera]| of.iter().map(|named| named.lens.clone()).collect::<Vec<_>>();
+    let lenses = |of: &[NamedCamera]| of.iter().map(|named| lens(named).cloned()).collect::<Vec<_>>();
     assert_eq!(lenses(&binary), lenses(&text));
     assert_eq!(lenses(&text).iter().flatten().count(), 8);
 }
@@ -78,7 +91,10 @@ fn notices_count_what_lenses_do_not_see() {
     let folded = model("SIMPLE_RADIAL 1000 1000 750 -0.3");
     let distorted = "1 of 1 cameras have lenses that distort (SIMPLE_RADIAL), and are drawn as pinholes";
     // All corners have the slope 1.25.
-    let [told, fold] = &folded.notices[..] else { panic!("{:?}", folded.notices) };
+    let through = folded.lens_notices();
+    let notices = as_pinholes(folded);
+    let [told, fold] = &notices[..] else { panic!("{notices:?}") };
+    assert_eq!(&through[1..], [fold.as_str()], "it is said of pictures of the lens, too");
     assert_eq!(*told, format!("{distorted}, with 4 corners that the lenses do not see"));
     let angle = (1.0 / 0.9_f64).sqrt().atan().to_degrees();
     let (start, percent) = fold.split_once(": ").unwrap();
@@ -91,17 +107,17 @@ fn notices_count_what_lenses_do_not_see() {
 
     let mild = model("SIMPLE_RADIAL 1000 1000 750 -0.05");
     let off = 0.05 * 1.25_f64.powi(3) * 1000.0;
-    assert_eq!(mild.notices, [format!("{distorted}, with corners up to {off:.1} px off")]);
+    assert_eq!(mild.lens_notices().len(), 1, "the lens sees all of its picture");
+    assert_eq!(as_pinholes(mild), [format!("{distorted}, with corners up to {off:.1} px off")]);
 
     // 180 degrees at pi focal lengths from the centre: an equidistant lens ends, but does not fold.
-    let whole = model("SIMPLE_FISHEYE 300 1000 750");
-    assert_eq!(whole.notices.len(), 2);
-    assert!(whole.notices[1].starts_with("the lens of 1 camera ends at 180.0 degrees: "), "{:?}", whole.notices);
+    let whole = as_pinholes(model("SIMPLE_FISHEYE 300 1000 750"));
+    assert_eq!(whole.len(), 2);
+    assert!(whole[1].starts_with("the lens of 1 camera ends at 180.0 degrees: "), "{whole:?}");
 }
 
 #[test]
 fn members_of_transforms_json_make_the_lens_that_they_mean() {
-    let view = DVec3::new(0.6, -0.4, 1.0);
     for (members, name, numbers) in [
         (r#""k1": -0.1, "p2": 0.01,"#, "PERSPECTIVE", &[-0.1, 0.0, 0.0, 0.0, 0.0, 0.01][..]),
         (r#""k1": -0.1, "k4": 0.02,"#, "PERSPECTIVE", &[-0.1, 0.0, 0.0, 0.02, 0.0, 0.0]),
@@ -124,13 +140,30 @@ fn members_of_transforms_json_make_the_lens_that_they_mean() {
         ),
     ] {
         let read = transforms(members);
-        let lens = read.cameras[1].lens.as_ref().unwrap();
+        let lens = read.cameras[1].camera.lens.as_ref().unwrap();
         let expected = Lens::named(name, numbers).unwrap().unwrap();
-        assert_eq!((lens.plane(view), lens.field()), (expected.plane(view), expected.field()), "{members}");
-        assert!(std::sync::Arc::ptr_eq(lens, read.cameras[0].lens.as_ref().unwrap()), "frames share the lens");
+        assert_eq!((lens.plane(AHEAD), lens.field()), (expected.plane(AHEAD), expected.field()), "{members}");
+        assert!(std::sync::Arc::ptr_eq(lens, read.cameras[0].camera.lens.as_ref().unwrap()), "frames share the lens");
         let meaning =
             read.notices.iter().any(|n| n == "k4 is the coefficient of r^8, as in nerfstudio, no denominator");
         assert_eq!(meaning, name == "PERSPECTIVE" && numbers[3] != 0.0, "{members}: {:?}", read.notices);
     }
-    assert_eq!(transforms(r#""k1": 0, "s1": 0, "camera_model": "OPENCV","#).cameras[0].lens, None);
+    assert_eq!(transforms(r#""k1": 0, "s1": 0, "camera_model": "OPENCV","#).cameras[0].camera.lens, None);
+}
+
+/// COLMAP states the sphere by its width and height, a transforms.json by the model alone.
+#[test]
+fn a_sphere_is_read_and_is_no_pinhole() {
+    let colmap = model("EQUIRECTANGULAR 2000 1500");
+    for read in [colmap, transforms(r#""camera_model": "EQUIRECTANGULAR","#), transforms(r#""equirectangular": true,"#)]
+    {
+        let camera = &read.cameras[0].camera;
+        assert!(camera.lens.as_ref().unwrap().is_sphere());
+        let right = camera.position + camera.rotation.transpose() * DVec3::X;
+        let (at, depth) = camera.projected(right).unwrap();
+        assert!(at.distance(glam::DVec2::new(1000.0 + 2000.0 * FRAC_PI_2 / (2.0 * PI), 750.0)) < 1e-9, "{at}");
+        assert!((depth - 1.0).abs() < 1e-12);
+        let problem = read.into_pinholes().unwrap_err().to_string();
+        assert!(problem.ends_with(": no pinhole sees what its model EQUIRECTANGULAR does"), "{problem}");
+    }
 }

@@ -140,8 +140,9 @@ impl PathChoice {
         }
     }
 
-    /// Replaces the buffers of the preferred path by ones of this capacity.
+    /// Replaces the buffers of the preferred path, and of the rays path if there is one, by ones of this capacity.
     pub fn set_capacity(&mut self, device: &Device, capacity: Capacity) -> Result<()> {
+        self.rays.as_mut().map_or(Ok(()), |rays| rays.set_capacity(device, capacity))?;
         match &mut self.fast {
             Some(fast) => fast.set_capacity(device, capacity),
             None => self.portable.set_capacity(device, capacity),

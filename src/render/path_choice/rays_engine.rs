@@ -33,6 +33,12 @@ impl RaysEngine {
         Ok(Self { pipeline, work, splats, tables: None, passes: 1 })
     }
 
+    /// Replaces the buffers, and keeps the tables.
+    pub fn set_capacity(&mut self, device: &Device, capacity: Capacity) -> Result<()> {
+        (self.work, self.splats) = buffers(device, without_spans(capacity))?;
+        Ok(())
+    }
+
     /// Makes tables and buffers for a frame.
     ///
     /// # Errors

@@ -61,6 +61,14 @@ struct Last {
     has_tile_lists: bool,
 }
 
+/// The view of a camera with a lens cannot be drawn: of this scene, or with what is asked beside its picture.
+#[derive(Debug, thiserror::Error)]
+#[error("a camera with a lens ({model}) {why}; --undistort draws a pinhole")]
+pub struct UndrawableLens {
+    model: String,
+    why: &'static str,
+}
+
 impl Renderer {
     /// Builds the pipelines for `options` and the storage of `scene`, and tests the fast path where the device has it.
     ///
@@ -312,7 +320,7 @@ impl Renderer {
         if let Some(lens) = &camera.lens {
             let inspects = self.needs_tile_lists || inspector.or(self.inspector.as_ref()).is_some();
             let why = self.undrawable_lens(inspects).map_or(Ok(()), Err);
-            why.map_err(|why| anyhow!("a camera with a lens ({}) {why}; --undistort draws a pinhole", lens.model()))?;
+            why.map_err(|why| UndrawableLens { model: lens.model().to_owned(), why })?;
         }
         match self.fit_images(camera.size_px) {
             Err(error) if error.is::<OutOfMemory>() => {

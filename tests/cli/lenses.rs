@@ -1,0 +1,154 @@
+//! Cameras with lenses: of files and of the command line, what is refused, and commands that draw pinholes.
+
+use std::fs;
+
+use serde_json::{Value, json};
+
+use super::shards::cameras;
+use crate::common::program::{fails, ok, path, smalto};
+
+/// A `transforms.json` with one camera before the cactus, and these members.
+fn transforms(folder: &tempfile::TempDir, name: &str, members: &Value) -> String {
+    let pose = [[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, -1.2], [0.0, 0.0, -1.0, -4.0], [0.0, 0.0, 0.0, 1.0]];
+    let mut file = json!({"w": 40, "h": 30, "fl_x": 24, "frames": [{"file_path": "a", "transform_matrix": pose}]});
+    file.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
+    let written = path(folder, name);
+    fs::write(&written, file.to_string()).unwrap();
+    written
+}
+
+fn notes(arguments: &[&str]) -> String {
+    let output = smalto(arguments);
+    let notes = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{arguments:?}: {notes}");
+    notes
+}
+
+#[test]
+fn wrong_lenses_are_one_sentence() {
+    for (line, sentence) in [
+        ("--lens PAINT", "--lens PAINT: its camera model PAINT is not known"),
+        ("--lens OPENCV:0.1", "OPENCV has 4 lens parameters (k1, k2, p1, p2), it has 1"),
+        ("--lens FISHEYE:0.1", "FISHEYE has 0 lens parameters, it has 1"),
+        ("--lens FOV:nan", "--lens FOV:nan: its parameters are not all numbers"),
+        ("--lens FOV:inf", "its parameters are not all numbers"),
+        ("--lens FOV:wide", "\"wide\" is not a number"),
+        ("--lens FOV:4", "its omega 4.0 is not over 0 and under pi"),
+        ("--lens SIMPLE_RADIAL:-1e8", "fold at the centre of the picture"),
+        ("--lens", "a value is expected"),
+        ("--lens FISHEYE --undistort", "cannot be combined"),
+        ("--fov 200", "--fov 200: a pinhole sees at most 179 degrees: see --lens"),
+        ("--fov 200 --lens PINHOLE", "--fov 200: a pinhole sees at most 179 degrees: see --lens"),
+        (
+            "--fov 200 --lens OPENCV_FISHEYE:-0.2,0,0,0",
+            "--fov 200: the lens OPENCV_FISHEYE sees less than 147.9 degrees",
+        ),
+        ("--fov 180 --lens OPENCV:0.1,0,0,0", "--fov 180: the lens OPENCV sees less than 180.0 degrees"),
+        ("--fov 361 --lens FISHEYE", "--fov 361: expected degrees from 0.01 to 360"),
+    ] {
+        let line = format!("render cactus:10 --size 8x8 --eye 0,-1,-5 {line}");
+        let error = fails(2, &line.split(' ').collect::<Vec<_>>());
+        assert!(error.starts_with("smalto: ") && error.contains(sentence), "{line}: {error}");
+        assert_eq!(error.lines().count(), 1, "{line}: {error}");
+    }
+}
+
+#[test]
+fn what_no_lens_draws_is_refused_in_a_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let [pages, place, out, bound] = ["a.smalto", "list.json", "a.exr", "b.exr"].map(|name| path(&folder, name));
+    ok(&["lod", "cactus:9000", "-o", &pages]);
+    fs::write(&place, json!({"places": [{"position": [0, 0, 0]}]}).to_string()).unwrap();
+    let beside = "has pictures without depths, counts, attributes, explanations and certificates";
+    for (scene, more, sentence) in [
+        ("cactus:50", &["--certificate", &bound][..], beside),
+        ("cactus:50", &["--layers", "colour,depth"], beside),
+        ("cactus:50", &["--layers", "counts"], beside),
+        ("cactus:50", &["--place", &place], "sees no scenes at places"),
+        (&pages, &[], "sees only scenes that are in GPU memory as a whole, without levels of detail"),
+    ] {
+        let render = ["render", scene, "--size", "8x8", "--lens", "FISHEYE", "-o", &out];
+        let error = fails(2, &[&render[..], more].concat());
+        let expected = format!("smalto: a camera with a lens (FISHEYE) {sentence}; --undistort draws a pinhole");
+        assert_eq!(error.lines().last(), Some(expected.as_str()), "{more:?}: {error}");
+        assert!(!fs::exists(&out).unwrap() && !fs::exists(&bound).unwrap(), "{more:?}: nothing is written");
+        ok(&[&["render", scene, "--size", "8x8", "--undistort", "-o", &out], more].concat());
+        [&out, &bound]
+            .into_iter()
+            .filter(|file| fs::exists(file).unwrap())
+            .for_each(|file| fs::remove_file(file).unwrap());
+    }
+}
+
+#[test]
+fn undistorted_cameras_draw_the_bytes_of_pinholes() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = transforms(&folder, "plain.json", &json!({}));
+    let lens = transforms(&folder, "lens.json", &json!({"camera_model": "OPENCV", "k1": -0.1, "k2": 0.01}));
+    let out = path(&folder, "a.png");
+    let draw = |cameras: &str, more: &[&str]| {
+        let said =
+            notes(&[&["render", "cactus:300", "--camera", "0", "-o", &out, "--cameras", cameras], more].concat());
+        (fs::read(&out).unwrap(), said)
+    };
+    let (pinhole, said) = draw(&plain, &[]);
+    assert!(!said.contains("lens"), "{said}");
+    let (undistorted, said) = draw(&lens, &["--undistort"]);
+    assert!(said.contains("1 of 1 cameras have lenses that distort (OPENCV), and are drawn as pinholes"), "{said}");
+    assert!(undistorted == pinhole);
+    assert!(draw(&lens, &["--lens", "PINHOLE"]).0 == pinhole);
+    let (seen, said) = draw(&lens, &[]);
+    let through = "1 of 1 cameras have lenses (OPENCV), which are drawn along the rays of their pixels";
+    assert!(said.contains(through) && said.contains("--undistort draws pinholes"), "{said}");
+    assert!(seen != pinhole);
+    assert!(draw(&plain, &["--lens", "OPENCV:-0.1,0.01,0,0"]).0 == seen, "a lens of the command line");
+    let (reference, _) = draw(&lens, &["--reference"]);
+    let [seen, reference] = [seen, reference].map(|png| image::load_from_memory(&png).unwrap().to_rgba8().into_raw());
+    assert!(seen.iter().zip(&reference).all(|(a, b)| a.abs_diff(*b) <= 1), "the reference has the lens, too");
+}
+
+#[test]
+fn bench_draws_lenses_and_prune_and_trade_pinholes() {
+    let folder = tempfile::tempdir().unwrap();
+    let lens = transforms(&folder, "lens.json", &json!({"camera_model": "OPENCV_FISHEYE", "k1": -0.01}));
+    let quick = ["--warmup", "0", "--frames", "1"];
+    let bench = [&["bench", "cactus:50", "--cameras", &lens], &quick[..]].concat();
+    assert!(notes(&bench).contains("which are drawn along the rays of their pixels"));
+    assert!(notes(&[&bench[..], &["--undistort"]].concat()).contains("are drawn as pinholes"));
+    let scene = path(&folder, "a.ply");
+    ok(&["convert", "cactus:50", &scene]);
+    let pruned = ["prune", &scene, "--cameras", &lens, "--min-psnr", "30", "-o", &path(&folder, "b.ply")];
+    assert!(notes(&pruned).contains("are drawn as pinholes"));
+    let trade = ["trade", "cactus:50", "--cameras", &lens, "--parts", "certificate"];
+    assert!(notes(&[&trade[..], &quick].concat()).contains("are drawn as pinholes"));
+    #[cfg(feature = "viewer")]
+    {
+        let said = notes(&["view", "cactus:50", "--cameras", &lens, "--offscreen", "2", "--size", "32x24"]);
+        assert!(said.contains("are drawn as pinholes"), "{said}");
+    }
+}
+
+#[test]
+fn a_lens_of_the_command_line_is_that_of_all_cameras() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, all, eye) = (cameras(&folder, 2), path(&folder, "all"), path(&folder, "eye.png"));
+    ok(&["render", "cactus:100", "--cameras", &file, "--camera", "all", "--lens", "equirectangular", "-o", &all]);
+    assert_eq!(fs::read_dir(&all).unwrap().filter(|e| e.as_ref().unwrap().path().extension().is_some()).count(), 2);
+    for (lens, fov) in [("FISHEYE", "220"), ("EQUIRECTANGULAR", "50"), ("ORTHOGRAPHIC", "50")] {
+        let said = ok(&[
+            "render",
+            "cactus:100",
+            "--eye",
+            "0,-1,-5",
+            "--size",
+            "16x12",
+            "--lens",
+            lens,
+            "--fov",
+            fov,
+            "-o",
+            &eye,
+        ]);
+        assert!(said.contains("rays path"), "{lens}: {said}");
+    }
+}
