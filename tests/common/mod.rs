@@ -7,6 +7,7 @@ pub mod cloud;
 #[cfg(target_os = "linux")]
 pub mod desktop;
 pub mod free;
+pub mod lens;
 pub mod listed;
 pub mod program;
 pub mod random;

@@ -19,6 +19,7 @@ mod placing;
 mod promises;
 mod properties;
 mod prune;
+mod rays;
 mod rules;
 mod storage;
 mod surroundings;

@@ -15,6 +15,7 @@ mod portable;
 mod portable_frame;
 mod prune;
 mod radix_sort;
+mod rays;
 #[cfg(feature = "reload")]
 mod reload;
 mod shader_interface;

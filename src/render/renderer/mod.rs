@@ -376,11 +376,11 @@ impl Renderer {
 
     /// The reason why a camera with a lens cannot be drawn. `inspects`: the frame shows or explains more than colours.
     fn undrawable_lens(&self, inspects: bool) -> Option<&'static str> {
-        if self.scene.is_paged() {
-            return Some("sees only scenes that are in GPU memory as a whole, without levels of detail");
-        }
         if self.scene.is_placed() {
             return Some("sees no scenes at places");
+        }
+        if self.scene.is_paged() {
+            return Some("sees only scenes that are in GPU memory as a whole, without levels of detail");
         }
         let shows_more = inspects || self.certificate.is_some();
         shows_more.then_some("has pictures without depths, counts, attributes, explanations and certificates")

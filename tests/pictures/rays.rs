@@ -1,0 +1,142 @@
+//! Pictures of cameras with lenses against the reference, and pictures that must be equal.
+
+use std::f64::consts::FRAC_PI_2;
+
+use glam::{DMat3, DVec2};
+use smalto::camera::Camera;
+use smalto::measure::metrics::psnr;
+use smalto::options::Options;
+use smalto::pixels::Pixels;
+use smalto::reference;
+use smalto::render::{Capacity, GpuScene, Path, Renderer};
+use smalto::rules::{Background, Rules};
+
+use crate::common::lens::{all, around, sphere, through};
+use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare};
+
+const WHITE: Background = Background::Colour([1.0; 3]);
+/// dB.
+const AGREES: f64 = 90.0;
+
+fn renderer(gpu: &Gpu, scene: &smalto::scene::Gaussians, options: &Options) -> Renderer {
+    Renderer::new(&gpu.0, options, &GpuScene::new(&gpu.0, scene, options).unwrap()).unwrap()
+}
+
+fn draw(still: &mut Renderer, camera: &Camera) -> Pixels {
+    assert_eq!(still.render(camera, WHITE).unwrap().path, Path::Rays);
+    still.pixels().unwrap()
+}
+
+#[test]
+fn pictures_of_every_lens_match_the_reference() {
+    let gpu = Gpu::new();
+    for size in [[96, 64], [61, 37], [1, 1]] {
+        for (i, (name, camera)) in all(size).into_iter().enumerate() {
+            let scene = around(&mut Random(10 + i as u64), &camera, 600);
+            let exact = reference::render(&scene, &camera, &Rules::TRAINED, WHITE);
+            let pixels = draw(&mut renderer(&gpu, &scene, &Options::EXACT), &camera);
+            let found = compare(&pixels, &exact);
+            println!("{name} {size:?}: {found:?}");
+            assert!(found.psnr >= AGREES && found.unexplained == 0, "{name} {size:?}: {found:?}");
+        }
+    }
+}
+
+/// One renderer draws one lens after the other, and then the first again.
+#[test]
+fn a_renderer_changes_its_lens_from_frame_to_frame() {
+    let gpu = Gpu::new();
+    let cameras: Vec<Camera> = all([48, 32]).into_iter().map(|(_, camera)| camera).collect();
+    let scene = around(&mut Random(3), &cameras[0], 300);
+    let mut one = renderer(&gpu, &scene, &Options::EXACT);
+    for camera in cameras.iter().chain([&cameras[0]]) {
+        let own = draw(&mut renderer(&gpu, &scene, &Options::EXACT), camera);
+        assert!(draw(&mut one, camera) == own, "{camera:?}");
+    }
+    let pinhole = Camera { lens: None, ..cameras[0].clone() };
+    assert_ne!(one.render(&pinhole, WHITE).unwrap().path, Path::Rays);
+}
+
+#[test]
+fn rules_hold_along_rays() {
+    let gpu = Gpu::new();
+    let camera = through("OPENCV_FISHEYE", &[-0.02, 0.004, -0.001, 0.0001], [64, 48], 3.0);
+    let scene = around(&mut Random(5), &camera, 400);
+    let trained = Rules::TRAINED;
+    for rules in [
+        Rules { antialiased: true, ..trained },
+        Rules { extent: smalto::rules::Footprint::ThreeSigma, ..trained },
+        Rules { near: 2.0, ..trained },
+        Rules { alpha_min: 1.0 / 64.0, ..trained },
+        Rules { transmittance_min: 0.05, ..trained },
+    ] {
+        let options = Options { rules, ..Options::EXACT };
+        let pixels = draw(&mut renderer(&gpu, &scene, &options), &camera);
+        let found = compare(&pixels, &reference::render(&scene, &camera, &rules, WHITE));
+        assert!(found.psnr >= AGREES && found.unexplained == 0, "{rules:?}: {found:?}");
+        let other = compare(&pixels, &reference::render(&scene, &camera, &trained, WHITE));
+        assert!(other.unexplained > 0, "{rules:?} shows in this scene");
+    }
+}
+
+#[test]
+fn pixels_without_a_ray_are_transparent_black() {
+    let gpu = Gpu::new();
+    let folds = through("OPENCV", &[-0.25, 0.0, 0.0, 0.0], [70, 50], 3.0);
+    for camera in [folds, through("FISHEYE", &[], [70, 50], 8.0)] {
+        let scene = around(&mut Random(7), &camera, 300);
+        let pixels = draw(&mut renderer(&gpu, &scene, &Options::EXACT), &camera);
+        let found = compare(&pixels, &reference::render(&scene, &camera, &Rules::TRAINED, WHITE));
+        assert!(found.psnr >= AGREES && found.unexplained == 0, "{found:?}");
+        let mut seen = [0, 0];
+        for (i, rgba) in pixels.rgba.iter().enumerate() {
+            let place = DVec2::new((i % 70) as f64 + 0.5, (i / 70) as f64 + 0.5);
+            let has_ray = camera.ray(place).is_some();
+            seen[usize::from(has_ray)] += 1;
+            assert_eq!(*rgba == [0.0; 4], !has_ray, "{place}: {rgba:?}");
+        }
+        assert!(seen.iter().all(|count| *count > 300), "{seen:?}");
+    }
+}
+
+#[test]
+fn a_quarter_turn_of_a_panorama_shifts_it_by_a_quarter_of_its_columns() {
+    let gpu = Gpu::new();
+    let camera = sphere([128, 64]);
+    let scene = around(&mut Random(9), &camera, 500);
+    let turned = Camera { rotation: DMat3::from_rotation_y(FRAC_PI_2) * camera.rotation, ..camera.clone() };
+    let mut still = renderer(&gpu, &scene, &Options::EXACT);
+    let [before, after] = [&camera, &turned].map(|camera| draw(&mut still, camera));
+    assert!(psnr(&before, &after) < 40.0, "the picture is no plain colour");
+    // What lay at azimuth a lies at a + 90 degrees now.
+    let shifted = |i: usize| before.rgba[i / 128 * 128 + (i + 96) % 128];
+    let shifted = Pixels { size: before.size, rgba: (0..before.rgba.len()).map(shifted).collect() };
+    assert!(psnr(&shifted, &after) > AGREES, "{} dB", psnr(&shifted, &after));
+}
+
+#[test]
+fn options_and_buffers_that_grow_change_no_bit_along_rays() {
+    let gpu = Gpu::new();
+    let (_, camera) = all([80, 56]).swap_remove(2);
+    let scene = around(&mut Random(11), &camera, 2000);
+    let mut still = renderer(&gpu, &scene, &Options::EXACT);
+    let expected = draw(&mut still, &camera);
+    let portable = Options { portable: true, ..Options::EXACT };
+    assert!(draw(&mut renderer(&gpu, &scene, &portable), &camera) == expected, "whole subgroups");
+    let enough = still.render(&camera, WHITE).unwrap();
+    assert_eq!(enough.attempts, 1);
+    let room = Capacity { gaussians: 1, visible: 7, spans: 1, listed: 9, cells: 1 };
+    let mut still = still.with_capacity(room).unwrap();
+    let grown = still.render(&camera, WHITE).unwrap();
+    assert!(grown.attempts > 1 && grown.totals == enough.totals, "{grown:?}");
+    assert!(still.pixels().unwrap() == expected, "buffers that grow");
+    let passes = Options { rules: Rules { transmittance_min: 0.0, ..Rules::TRAINED }, ..Options::EXACT };
+    let whole = draw(&mut renderer(&gpu, &scene, &passes), &camera);
+    let exact = reference::render(&scene, &camera, &passes.rules, WHITE);
+    assert_eq!(compare(&whole, &exact).unexplained, 0, "lists that no pixel ends early");
+}
+
+#[test]
+fn pictures_along_rays_agree_in_subgroups_of_four() {
+    again_in_subgroups_of_four(&["rays::pictures_of_every_lens", "rays::options_and_buffers"]);
+}
