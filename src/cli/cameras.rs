@@ -109,11 +109,11 @@ pub(super) fn named_or_found(
 /// The lenses of cameras.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct LensArgs {
-    /// The lens of all cameras, like FISHEYE or OPENCV_FISHEYE:0.01,-0.002,0,0
+    /// The lens of all cameras, like FISHEYE or FOV:0.9
     ///
     /// A model of COLMAP with the numbers that follow its focal lengths and principal point, which stay those of the
-    /// camera; ORTHOGRAPHIC; EQUIRECTANGULAR, which fills the picture; or PINHOLE. The default is the lens of the file.
-    /// docs/cameras.md has all models.
+    /// camera, like OPENCV_FISHEYE:0.01,-0.002,0,0; ORTHOGRAPHIC; EQUIRECTANGULAR, which fills the picture; or PINHOLE.
+    /// The default is the lens of the file. docs/cameras.md has all models.
     #[arg(long, help_heading = CAMERAS, value_name = "MODEL[:K,...]", value_parser = parse_lens)]
     #[arg(conflicts_with = "undistort", allow_hyphen_values = true)]
     lens: Option<NamedLens>,
