@@ -22,7 +22,8 @@ pub struct Pixel {
     /// Number of blended splats.
     pub blended: u32,
     /// Bound on the change of a colour channel when decisions within the rounding error of f32 fall the other way: an
-    /// alpha at the threshold, a transmittance at the stop. The order of the splats is assumed to be right.
+    /// alpha at the threshold, a transmittance at the stop, a ray that leads across a splat around the camera, neither
+    /// towards its greatest value nor away. The order of the splats is assumed to be right.
     pub doubt: f64,
 }
 
@@ -95,6 +96,8 @@ struct Met {
     depth: f64,
     /// Relative error of the weight from rounding to f32.
     weight_doubt: f64,
+    /// The weight of which rounding decides whether the splat has it or none.
+    weight_at_edge: f64,
 }
 
 impl Met {
@@ -118,13 +121,17 @@ fn met(splat: &Splat, centre: DVec2, rules: &Rules) -> Met {
     let distance = splat.distance(centre);
     let weight_doubt = weight_doubt(splat, centre, distance);
     let Splat { opacity, colour, depth, .. } = *splat;
-    Met { distance, level: splat.level(rules), opacity, colour, depth, weight_doubt }
+    Met { distance, level: splat.level(rules), opacity, colour, depth, weight_doubt, weight_at_edge: 0.0 }
 }
 
 fn met_by_ray(splat: &RaySplat, ray: DVec3, rules: &Rules) -> Met {
     let (distance, weight_doubt) = (splat.distance(ray), splat.weight_doubt(ray));
-    let RaySplat { opacity, colour, depth, .. } = *splat;
-    Met { distance, level: splat.level(rules), opacity, colour, depth, weight_doubt }
+    let RaySplat { opacity, colour, depth, kappa, .. } = *splat;
+    let level = splat.level(rules);
+    // Where w = 0, the squared distance is 1 / kappa on one side.
+    let is_edge = kappa * level >= 1.0 && splat.is_edge_in_doubt(ray);
+    let weight_at_edge = if is_edge { opacity * (-0.5 / kappa).exp() } else { 0.0 };
+    Met { distance, level, opacity, colour, depth, weight_doubt, weight_at_edge }
 }
 
 fn blend_pixel(list: impl Iterator<Item = Met>, background: DVec3, brightest: f64, rules: &Rules) -> Pixel {
@@ -140,6 +147,7 @@ fn blend_pixel(list: impl Iterator<Item = Met>, background: DVec3, brightest: f6
         if (weight / least - 1.0).abs() < ALPHA_DOUBT + splat.weight_doubt {
             doubt += transmittance * least * brightest;
         }
+        doubt += transmittance * splat.weight_at_edge * brightest;
         if weight < least {
             continue;
         }

@@ -112,14 +112,30 @@ impl RaySplat {
         falls_to_zero(side.x * self.p[0] + side.y * self.p[1] - t * self.q, s.length() - t * w)
     }
 
-    /// Relative error of a weight from rounding rays to f32: a few times 2^-24 of their size.
+    /// Change of a ray that rounding to f32 is equal to: a few times 2^-24 of its size.
+    fn shift(&self, ray: DVec3) -> f64 {
+        4.0 * 0.5_f64.powi(24) * ((ray - self.centre).abs().max_element() + ray.abs().max_element())
+    }
+
+    /// At least |ds| / |dd|.
+    fn steepest(&self) -> f64 {
+        (self.p[0].length_squared() + self.p[1].length_squared()).sqrt()
+    }
+
+    /// True if rounding to f32 may give w the other sign: of the ray, and of q, whose rounding grows with the quotient
+    /// of the extents along n and across it.
+    pub(super) fn is_edge_in_doubt(&self, ray: DVec3) -> bool {
+        let (_, w) = self.s_and_w(ray);
+        w.abs() < self.shift(ray) * (self.q.length() + self.steepest() * (1.0 + self.kappa.sqrt()))
+    }
+
+    /// Relative error of a weight from rounding rays to f32.
     pub(super) fn weight_doubt(&self, ray: DVec3) -> f64 {
         let (s, w) = self.s_and_w(ray);
         if w <= 0.0 {
             return 0.0;
         }
-        let shift = 4.0 * 0.5_f64.powi(24) * ((ray - self.centre).abs().max_element() + ray.abs().max_element());
-        let steepest = (self.p[0].length_squared() + self.p[1].length_squared()).sqrt(); // at least |ds| / |dd|
+        let (shift, steepest) = (self.shift(ray), self.steepest());
         // The derivatives of distance^2 / 2 by |s| and by w.
         let below = w * w + self.kappa * s.length_squared();
         s.length() * w * (w * steepest + s.length() * self.q.length()) / (below * below) * shift

@@ -121,7 +121,7 @@ fn bench_draws_lenses_and_prune_and_trade_pinholes() {
     assert!(notes(&[&trade[..], &quick].concat()).contains("are drawn as pinholes"));
     #[cfg(feature = "viewer")]
     {
-        let said = notes(&["view", "cactus:50", "--cameras", &lens, "--offscreen", "2", "--size", "32x24"]);
+        let said = notes(&["view", "cactus:50", "--cameras", &lens, "--offscreen", "4", "--size", "32x24"]);
         assert!(said.contains("are drawn as pinholes"), "{said}");
     }
 }

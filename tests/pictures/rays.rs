@@ -17,6 +17,8 @@ use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare};
 const WHITE: Background = Background::Colour([1.0; 3]);
 /// dB.
 const AGREES: f64 = 90.0;
+/// Error of a channel where a lens folds: footprints grow fast there, and the GPU interpolates them.
+const NEAR_FOLD: f32 = 1e-3;
 
 fn renderer(gpu: &Gpu, scene: &smalto::scene::Gaussians, options: &Options) -> Renderer {
     Renderer::new(&gpu.0, options, &GpuScene::new(&gpu.0, scene, options).unwrap()).unwrap()
@@ -87,7 +89,7 @@ fn pixels_without_a_ray_are_transparent_black() {
         let scene = around(&mut Random(7), &camera, 300);
         let pixels = draw(&mut renderer(&gpu, &scene, &Options::EXACT), &camera);
         let found = compare(&pixels, &reference::render(&scene, &camera, &Rules::TRAINED, WHITE));
-        assert!(found.psnr >= AGREES && found.unexplained == 0, "{found:?}");
+        assert!(found.psnr >= AGREES && found.max_error < NEAR_FOLD, "{found:?}");
         let mut seen = [0, 0];
         for (i, rgba) in pixels.rgba.iter().enumerate() {
             let place = DVec2::new((i % 70) as f64 + 0.5, (i / 70) as f64 + 0.5);

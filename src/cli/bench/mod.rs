@@ -47,7 +47,7 @@ Examples:
 pub(super) struct Args {
     /// Scenes, as `smalto render` takes them [default: cactus]
     scenes: Vec<PathBuf>,
-    /// Camera file or folder: each frame is drawn from the next of its cameras
+    /// Camera file or folder: each frame is drawn from its next camera
     #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR", conflicts_with = "path")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
