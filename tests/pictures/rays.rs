@@ -7,12 +7,12 @@ use smalto::camera::Camera;
 use smalto::measure::metrics::psnr;
 use smalto::options::Options;
 use smalto::pixels::Pixels;
-use smalto::reference;
+use smalto::reference::{self, Rendering};
 use smalto::render::{Capacity, GpuScene, Path, Renderer};
 use smalto::rules::{Background, Rules};
 
 use crate::common::lens::{all, around, sphere, through};
-use crate::common::{Gpu, Random, again_in_subgroups_of_four, compare};
+use crate::common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, compare, difference};
 
 const WHITE: Background = Background::Colour([1.0; 3]);
 /// dB.
@@ -29,6 +29,22 @@ fn draw(still: &mut Renderer, camera: &Camera) -> Pixels {
     still.pixels().unwrap()
 }
 
+/// Every pixel agrees but for its doubt, and those that rounding decides otherwise, one in 1000 at most, aside, the
+/// picture has [`AGREES`].
+fn assert_agrees(name: &str, mut pixels: Pixels, exact: &Rendering) {
+    let found = compare(&pixels, exact);
+    println!("{name}: {found:?}");
+    assert!(found.unexplained == 0 && found.different <= 1 + pixels.rgba.len() / 1000, "{name}: {found:?}");
+    let expected = exact.to_pixels();
+    for ((pixel, expected), exact) in pixels.rgba.iter_mut().zip(&expected.rgba).zip(&exact.pixels) {
+        if difference((pixel, exact)) > ROUNDING {
+            *pixel = *expected;
+        }
+    }
+    let db = psnr(&pixels, &expected);
+    assert!(db >= AGREES, "{name}: {db} dB");
+}
+
 #[test]
 fn pictures_of_every_lens_match_the_reference() {
     let gpu = Gpu::new();
@@ -37,9 +53,7 @@ fn pictures_of_every_lens_match_the_reference() {
             let scene = around(&mut Random(10 + i as u64), &camera, 600);
             let exact = reference::render(&scene, &camera, &Rules::TRAINED, WHITE);
             let pixels = draw(&mut renderer(&gpu, &scene, &Options::EXACT), &camera);
-            let found = compare(&pixels, &exact);
-            println!("{name} {size:?}: {found:?}");
-            assert!(found.psnr >= AGREES && found.unexplained == 0, "{name} {size:?}: {found:?}");
+            assert_agrees(&format!("{name} {size:?}"), pixels, &exact);
         }
     }
 }
@@ -74,8 +88,7 @@ fn rules_hold_along_rays() {
     ] {
         let options = Options { rules, ..Options::EXACT };
         let pixels = draw(&mut renderer(&gpu, &scene, &options), &camera);
-        let found = compare(&pixels, &reference::render(&scene, &camera, &rules, WHITE));
-        assert!(found.psnr >= AGREES && found.unexplained == 0, "{rules:?}: {found:?}");
+        assert_agrees(&format!("{rules:?}"), pixels.clone(), &reference::render(&scene, &camera, &rules, WHITE));
         let other = compare(&pixels, &reference::render(&scene, &camera, &trained, WHITE));
         assert!(other.unexplained > 0, "{rules:?} shows in this scene");
     }
