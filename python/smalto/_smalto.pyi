@@ -98,12 +98,14 @@ class Camera:
         c2w: ArrayLike | None = None,
         near: float | None = None,
         name: str | None = None,
+        lens: str | tuple[str, Sequence[float]] | None = None,
     ) -> None: ...
     @staticmethod
     def read(path: str | PathLike[str]) -> list[Camera]:
         """All cameras of a file or folder: cameras.json, transforms.json, the folder of a COLMAP model."""
     def resized(self, size: Size) -> Camera:
         """The same view in a picture of another size (width, height)."""
+    def undistorted(self) -> Camera: ...
     @property
     def near(self) -> float | None:
         """The largest near plane, in world units, that shows what it looks at; None for cameras of files."""
@@ -113,6 +115,8 @@ class Camera:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height in pixels."""
+    @property
+    def lens(self) -> tuple[str, list[float]] | None: ...
     @property
     def K(self) -> NDArray[np.float64]:
         """The 3x3 matrix of the intrinsics, in pixels."""

@@ -2,26 +2,33 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3};
 use numpy::{PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
-use smalto::camera::{self, NamedCamera};
+use smalto::camera::{self, Lens, NamedCamera};
 
 use crate::arrays::numbers;
 use crate::errors::exception;
 use crate::given::{self, given, optional};
 
-/// A pinhole camera: where it is, where it looks, and the pixels of its picture. Axes are those of OpenCV and COLMAP:
+/// A camera: where it is, where it looks, its lens, and the pixels of its picture. Axes are those of OpenCV and COLMAP:
 /// x right, y down, z forward. The pixel in column i and row j is sampled at (i + 0.5, j + 0.5).
 ///
 /// K is the matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, `size` is (width, height). The pose is either
 /// `viewmat`, a 4x4 matrix from world to view, or `c2w`, its inverse. Its rotation R may be off by rounding: where an
 /// entry of R R^T - I is over 1e-6, it becomes the nearest rotation, and over 0.005 it is refused. `near` is the largest
-/// near plane, in world units, that shows what the camera looks at. Cameras can be compared, pickled, and be keys of
-/// dictionaries. Errors: ValueError where a matrix has another shape or form, or no picture can be drawn.
+/// near plane, in world units, that shows what the camera looks at.
+///
+/// `lens` is the name of a model of `smalto render --lens` and its parameters, like ("OPENCV_FISHEYE", [k1, k2, k3,
+/// k4]); the name alone is enough for a model without parameters, and by default the camera is a pinhole. The focal
+/// lengths of EQUIRECTANGULAR are in pixels per radian, those of ORTHOGRAPHIC in pixels per world unit.
+///
+/// Cameras can be compared, pickled, and be keys of dictionaries. Errors: ValueError where a matrix has another shape or
+/// form, the lens is none, or no picture can be drawn.
 #[pyclass(module = "smalto", frozen, eq, from_py_object)]
 #[derive(Clone, PartialEq)]
 pub struct Camera {
@@ -37,7 +44,7 @@ pub struct Camera {
 #[pymethods]
 impl Camera {
     #[new]
-    #[pyo3(signature = (*, K, size, viewmat = None, c2w = None, near = None, name = None))]
+    #[pyo3(signature = (*, K, size, viewmat = None, c2w = None, near = None, name = None, lens = None))]
     #[allow(non_snake_case)]
     fn new(
         K: &Bound<PyAny>,
@@ -46,6 +53,7 @@ impl Camera {
         c2w: Option<&Bound<PyAny>>,
         near: Option<&Bound<PyAny>>,
         name: Option<&Bound<PyAny>>,
+        lens: Option<&Bound<PyAny>>,
     ) -> PyResult<Self> {
         let (focal_px, centre_px) = intrinsics(K)?;
         let (rotation, position) = match (viewmat, c2w) {
@@ -59,7 +67,8 @@ impl Camera {
             }
             _ => return Err(PyValueError::new_err("viewmat, c2w: a camera has one pose, so give either of them")),
         };
-        let camera = camera::Camera { position, rotation, focal_px, centre_px, size_px: given::size(size)? };
+        let (size_px, lens) = (given::size(size)?, lens.map(named_lens).transpose()?.flatten());
+        let camera = camera::Camera { position, rotation, focal_px, centre_px, size_px, lens };
         let near = optional::<f64>(near, "near", "a number, or None")?;
         if let Some(wrong) = near.filter(|near| !near.is_finite() || *near as f32 <= 0.0) {
             return Err(PyValueError::new_err(format!("near: expected a distance over 0, found {wrong}")));
@@ -84,6 +93,7 @@ impl Camera {
             focal_px: DVec2::new(k[0], k[4]),
             centre_px: DVec2::new(k[2], k[5]),
             size_px: given::size(size)?,
+            lens: None,
         };
         let camera = camera.checked_as_given();
         let unusable = |why| PyValueError::new_err(format!("viewmats, Ks: a camera cannot be used: {why:#}"));
@@ -104,6 +114,13 @@ impl Camera {
         Ok(Self { camera: usable(self.camera.resized(given::size(size)?))?, ..self.clone() })
     }
 
+    /// The pinhole of the same pose and intrinsics. Errors: ValueError for EQUIRECTANGULAR and ORTHOGRAPHIC, which see
+    /// what no pinhole does.
+    fn undistorted(&self) -> PyResult<Self> {
+        let camera = self.camera.undistorted().map_err(|why| PyValueError::new_err(format!("the camera: {why:#}")))?;
+        Ok(Self { camera, ..self.clone() })
+    }
+
     /// The arguments that make this camera again, to the last bit.
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
         let arguments = PyDict::new(py);
@@ -112,17 +129,19 @@ impl Camera {
         arguments.set_item("c2w", self.c2w(py)?)?;
         arguments.set_item("near", self.near)?;
         arguments.set_item("name", &self.name)?;
+        arguments.set_item("lens", self.lens())?;
         Ok((PyTuple::empty(py), arguments))
     }
 
     fn __hash__(&self) -> u64 {
-        let camera::Camera { position, rotation, focal_px, centre_px, size_px } = &self.camera;
+        let camera::Camera { position, rotation, focal_px, centre_px, size_px, lens } = &self.camera;
         let mut hasher = DefaultHasher::new();
         let (position, focal_px, centre_px) = (position.to_array(), focal_px.to_array(), centre_px.to_array());
-        let numbers = [&position[..], &focal_px, &centre_px, &rotation.to_cols_array()];
+        let (model, lens_parameters) = lens.as_ref().map_or(("", &[][..]), |lens| (lens.model(), lens.parameters()));
+        let numbers = [&position[..], &focal_px, &centre_px, &rotation.to_cols_array(), lens_parameters];
         // Equal numbers have equal bits, but for the sign of 0.
         numbers.iter().copied().flatten().for_each(|number| (number + 0.0).to_bits().hash(&mut hasher));
-        (size_px, self.near.map(f32::to_bits), &self.name).hash(&mut hasher);
+        (size_px, model, self.near.map(f32::to_bits), &self.name).hash(&mut hasher);
         hasher.finish()
     }
 
@@ -130,6 +149,12 @@ impl Camera {
     #[getter]
     fn size(&self) -> (u32, u32) {
         self.camera.size_px.into()
+    }
+
+    /// The name of the model of its lens and the parameters; None for a pinhole.
+    #[getter]
+    fn lens(&self) -> Option<(&'static str, Vec<f64>)> {
+        self.camera.lens.as_ref().map(|lens| (lens.model(), lens.parameters().to_vec()))
     }
 
     /// The 3x3 matrix of the intrinsics, in pixels.
@@ -155,13 +180,25 @@ impl Camera {
 
     fn __repr__(&self) -> String {
         let ([width, height], p) = (self.camera.size_px, self.camera.position);
-        format!("Camera({width}x{height} at {:.3}, {:.3}, {:.3})", p.x, p.y, p.z)
+        let lens = self.camera.lens.as_ref().map_or(String::new(), |lens| format!(", {}", lens.model()));
+        format!("Camera({width}x{height} at {:.3}, {:.3}, {:.3}{lens})", p.x, p.y, p.z)
     }
 }
 
 /// The camera, if a picture can be drawn with it.
 pub fn usable(camera: camera::Camera) -> PyResult<camera::Camera> {
     camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))
+}
+
+/// The lens of a model by its name, or by its name and its parameters. None for a pinhole.
+fn named_lens(value: &Bound<PyAny>) -> PyResult<Option<Arc<Lens>>> {
+    let (model, parameters) = match value.extract::<String>() {
+        Ok(model) => (model, Vec::new()),
+        Err(_) => given::<(String, Vec<f64>)>(value, "lens", "the name of a model, or (name, parameters)")?,
+    };
+    let lens = Lens::named(&model, &parameters);
+    let lens = lens.map_err(|why| PyValueError::new_err(format!("lens: {why:#}")))?;
+    Ok(lens.map(Arc::new))
 }
 
 /// Focal lengths and principal point of a matrix of intrinsics, which has no skew.

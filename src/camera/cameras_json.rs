@@ -1,8 +1,9 @@
 //! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths. smalto adds
-//! optional members: the principal point, and the time of a key and whether it rests. Other programs ignore them.
+//! optional members: the principal point, the lens, and the time of a key and whether it rests. Other programs ignore them.
 
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
 use glam::{DMat3, DVec2, DVec3};
@@ -10,7 +11,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
-use super::{Camera, NamedCamera, centre};
+use super::{Camera, Lens, NamedCamera, centre};
 use crate::files::write_whole;
 
 /// The members of a camera that error messages list.
@@ -36,11 +37,22 @@ pub(super) struct Entry {
     cx: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cy: Option<f64>,
+    /// By default, the camera is a pinhole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lens: Option<NamedLens>,
     /// The time of a key of a [`Timeline`](super::Timeline).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seconds: Option<f64>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     rests: bool,
+}
+
+/// The arguments of [`Lens::named`].
+#[derive(Deserialize, Serialize)]
+struct NamedLens {
+    model: String,
+    #[serde(default)]
+    parameters: Vec<f64>,
 }
 
 /// What a path knows of a camera.
@@ -116,7 +128,7 @@ pub fn from_json(text: &str) -> Result<Camera> {
 
 impl Entry {
     pub fn of(index: usize, name: &str, camera: &Camera, Moment { seconds, rests }: Moment) -> Self {
-        let Camera { position, rotation, focal_px, centre_px, size_px, lens: _ } = camera;
+        let Camera { position, rotation, focal_px, centre_px, size_px, lens } = camera;
         let centred = centre(*size_px);
         Self {
             id: i64::try_from(index).ok(),
@@ -129,6 +141,9 @@ impl Entry {
             fy: focal_px.y,
             cx: (centre_px.x != centred.x).then_some(centre_px.x),
             cy: (centre_px.y != centred.y).then_some(centre_px.y),
+            lens: lens
+                .as_ref()
+                .map(|lens| NamedLens { model: lens.model().to_owned(), parameters: lens.parameters().to_vec() }),
             seconds,
             rests,
         }
@@ -137,6 +152,8 @@ impl Entry {
     fn camera(self, index: usize) -> Result<NamedCamera> {
         let size_px = [self.width, self.height];
         let middle = centre(size_px);
+        let named = |NamedLens { model, parameters }| Lens::named(&model, &parameters);
+        let lens = self.lens.map(named).transpose().context("its lens")?.flatten();
         let camera = Camera {
             position: DVec3::from(self.position),
             // Rows of camera to world are the columns of world to camera.
@@ -144,7 +161,7 @@ impl Entry {
             focal_px: DVec2::new(self.fx, self.fy),
             centre_px: DVec2::new(self.cx.unwrap_or(middle.x), self.cy.unwrap_or(middle.y)),
             size_px,
-            lens: None,
+            lens: lens.map(Arc::new),
         };
         let name = self.img_name.unwrap_or_else(|| self.id.map_or_else(|| index.to_string(), |id| id.to_string()));
         Ok(NamedCamera::new(name, camera.checked()?))
@@ -196,6 +213,18 @@ mod tests {
             ("[1, 2, 3]", "[1, 2e31, 3]", "within 1e30"),
             ("500", "-500", "not over 0"),
             ("\"fx\": 500,", "", "missing field `fx`"),
+            (
+                "\"fx\"",
+                "\"lens\": {\"model\": \"OPENCV\"}, \"fx\"",
+                "OPENCV has 4 lens parameters (k1, k2, p1, p2), it has 0",
+            ),
+            (
+                "\"fx\"",
+                "\"lens\": {\"model\": \"ROUND\"}, \"fx\"",
+                "camera 0: its lens: its camera model ROUND is not known",
+            ),
+            ("\"fx\"", "\"lens\": {\"parameters\": []}, \"fx\"", "missing field `model`"),
+            ("\"fx\"", "\"lens\": \"FISHEYE\", \"fx\"", "expected struct NamedLens"),
             ("[{", "[", "not a cameras.json"),
         ] {
             let error = format!("{:#}", parse(&ONE.replace(from, to)).unwrap_err());
@@ -226,7 +255,13 @@ mod tests {
             let centre_px =
                 if i.is_multiple_of(2) { camera.centre_px } else { DVec2::new(random() * 999.0, -random()) };
             let name = format!("view \"{i}\"\n");
-            NamedCamera::new(name, Camera { centre_px, focal_px: camera.focal_px * random(), ..camera })
+            let parameters = [(); 4].map(|()| place(random()).clamp(-0.1, 0.1));
+            let lens = match i % 3 {
+                0 => None,
+                1 => Lens::named("OPENCV_FISHEYE", &parameters).unwrap().map(Arc::new),
+                _ => Lens::named("EQUIRECTANGULAR", &[]).unwrap().map(Arc::new),
+            };
+            NamedCamera::new(name, Camera { centre_px, focal_px: camera.focal_px * random(), lens, ..camera })
         };
         (0..1000).map(one).collect()
     }
@@ -244,7 +279,8 @@ mod tests {
         let text = fs::read_to_string(&path).unwrap();
         assert_eq!(from_json(&text).unwrap(), cameras[0].camera, "the first of an array");
         assert_eq!(text.lines().count(), 1002, "a camera a line");
-        assert!(!text.lines().nth(1).unwrap().contains("cx"), "the centre need not be said");
+        let first = text.lines().nth(1).unwrap();
+        assert!(!first.contains("cx") && !first.contains("lens"), "what has a default need not be said");
         assert!(write(&path, &[]).unwrap_err().to_string().contains("no camera"));
     }
 

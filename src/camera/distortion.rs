@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use glam::DVec2;
 
 use super::{Camera, CameraFile, Lens, NamedCamera};
@@ -46,6 +46,20 @@ struct Picture {
 /// Pixels along each side of a picture at which the part that sees nothing is sampled.
 const SAMPLES: u32 = 64;
 
+impl Camera {
+    /// The pinhole of the same pose, focal lengths and principal point: the camera as if its lens did not distort.
+    ///
+    /// # Errors
+    /// If the lens sees what no pinhole does: all around, or along parallel rays.
+    pub fn undistorted(&self) -> Result<Self> {
+        if let Some(lens) = &self.lens {
+            let is_central = !lens.is_sphere() && !lens.is_parallel();
+            ensure!(is_central, "no pinhole sees what its model {} does", lens.model());
+        }
+        Ok(Self { lens: None, ..self.clone() })
+    }
+}
+
 impl CameraFile {
     /// The same cameras without their lenses: pinholes of the same poses. Notices say how their pictures differ.
     ///
@@ -54,10 +68,7 @@ impl CameraFile {
     pub fn into_pinholes(mut self) -> Result<Self> {
         let distortion = Distortion::of(&self.cameras);
         for NamedCamera { name, camera } in &mut self.cameras {
-            if let Some(lens) = camera.lens.take() {
-                let is_central = !lens.is_sphere() && !lens.is_parallel();
-                ensure!(is_central, "camera {name:?}: no pinhole sees what its model {} does", lens.model());
-            }
+            *camera = camera.undistorted().with_context(|| format!("camera {name:?}"))?;
         }
         self.notices.splice(0..0, distortion.as_pinholes());
         Ok(self)

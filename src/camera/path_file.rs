@@ -86,6 +86,9 @@ impl Timeline {
         let key = |(i, (named, moment)): (usize, (NamedCamera, Moment))| {
             let seconds = moment.seconds.unwrap_or(next);
             check(seconds).with_context(|| format!("camera {i}"))?;
+            if let Some(lens) = &named.camera.lens {
+                bail!("camera {i} has a lens ({}), and cameras of paths are pinholes", lens.model());
+            }
             next = seconds + 1.0;
             Ok((i, Key { seconds, camera: named.camera, rests: moment.rests }))
         };

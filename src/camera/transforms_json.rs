@@ -165,21 +165,19 @@ impl Frame<'_> {
 
     /// The lens; none for a pinhole. The members are those of OpenCV; frames of nerfstudio and instant-ngp have some.
     fn lens(&self) -> Result<Option<Lens>> {
-        let kind = self.kind();
-        let model = match kind {
+        let model = match self.kind() {
             Kind::Named(model) => model,
-            Kind::Fisheye(_) if self.has_any(&["p1", "p2"])? => "THIN_PRISM_FISHEYE",
-            Kind::Fisheye(_) => "OPENCV_FISHEYE",
-            Kind::Perspective(_) if self.has_any(&OPENCV_ONLY)? => "OPENCV_THIN_PRISM",
-            Kind::Perspective(_) => "PERSPECTIVE",
+            Kind::Fisheye if self.has_any(&["p1", "p2"])? => "THIN_PRISM_FISHEYE",
+            Kind::Fisheye => "OPENCV_FISHEYE",
+            Kind::Perspective if self.has_any(&OPENCV_ONLY)? => "OPENCV_THIN_PRISM",
+            Kind::Perspective => "PERSPECTIVE",
         };
         let supported = Lens::parameter_names(model).filter(|_| SUPPORTED.contains(&model));
         let names = supported.with_context(|| {
             format!("its camera model {} is not supported, only pinholes and those of OpenCV", model.escape_debug())
         })?;
         let numbers: Result<Vec<f64>> = names.iter().map(|name| Ok(self.number(name)?.unwrap_or(0.0))).collect();
-        let (Kind::Named(name) | Kind::Fisheye(name) | Kind::Perspective(name)) = kind;
-        Ok(Lens::named(model, &numbers?)?.map(|lens| lens.renamed(name)))
+        Lens::named(model, &numbers?)
     }
 
     fn kind(&self) -> Kind<'_> {
@@ -189,11 +187,9 @@ impl Frame<'_> {
             _ if is_set("equirectangular") => Kind::Named("EQUIRECTANGULAR"),
             _ if is_set("latlong") => Kind::Named("latlong"),
             _ if is_set("orthographic") => Kind::Named("orthographic"),
-            "OPENCV_FISHEYE" => Kind::Fisheye("OPENCV_FISHEYE"),
-            _ if is_set("is_fisheye") => Kind::Fisheye("fisheye"),
-            model @ ("SIMPLE_PINHOLE" | "PINHOLE" | "PERSPECTIVE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV") => {
-                Kind::Perspective(model)
-            }
+            "OPENCV_FISHEYE" => Kind::Fisheye,
+            _ if is_set("is_fisheye") => Kind::Fisheye,
+            "SIMPLE_PINHOLE" | "PINHOLE" | "PERSPECTIVE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" => Kind::Perspective,
             model => Kind::Named(model),
         }
     }
@@ -206,17 +202,17 @@ impl Frame<'_> {
 
     /// True if k4 is read as the coefficient of r^8, where OpenCV's k4 would be one of the denominator.
     fn is_k4_of_r8(&self) -> Result<bool> {
-        let is_perspective = matches!(self.kind(), Kind::Perspective(_));
+        let is_perspective = matches!(self.kind(), Kind::Perspective);
         Ok(is_perspective && self.has_any(&["k4"])? && !self.has_any(&OPENCV_ONLY)?)
     }
 }
 
-/// What the members of a frame are about. The text is the name of the model.
+/// What the members of a frame are about.
 #[derive(Clone, Copy)]
 enum Kind<'f> {
-    Perspective(&'f str),
-    Fisheye(&'f str),
-    /// The model has the name itself.
+    Perspective,
+    Fisheye,
+    /// The model of this name.
     Named(&'f str),
 }
 

@@ -47,7 +47,8 @@ use self::planar::Planar;
 /// distortion", 2001. Khomutenko, Garcia and Martinet, "An enhanced unified camera model", 2016.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lens {
-    model: String,
+    model: &'static str,
+    parameters: Vec<f64>,
     base: Base,
     planar: Planar,
     skew: DMat2,
@@ -58,7 +59,7 @@ pub struct Lens {
 
 impl Lens {
     /// A lens with its domain: where the base has not ended and the map of the plane is one-to-one.
-    fn new(model: &str, base: Base, planar: Planar, skew: DMat2) -> Self {
+    fn new(model: &'static str, parameters: &[f64], (base, planar, skew): (Base, Planar, DMat2)) -> Self {
         let radius = planar.fold(base.radius);
         let field = match base.shape {
             Shape::Sphere => PI,
@@ -66,12 +67,17 @@ impl Lens {
             _ if radius < base.radius => base.angle_of(radius),
             _ => base.angle,
         };
-        Self { model: model.to_owned(), base, planar, skew, radius, field }
+        Self { model, parameters: parameters.to_vec(), base, planar, skew, radius, field }
     }
 
-    /// Name of the model, as in the file or in COLMAP.
-    pub fn model(&self) -> &str {
-        &self.model
+    /// Name of the model. With [`Lens::parameters`], [`Lens::named`] makes the same lens of it, bit for bit.
+    pub fn model(&self) -> &'static str {
+        self.model
+    }
+
+    /// The numbers of the model, in the order of [`Lens::parameter_names`].
+    pub fn parameters(&self) -> &[f64] {
+        &self.parameters
     }
 
     /// The largest angle from the axis that the lens sees, in radians: pi for a sphere, pi / 2 for a parallel lens. A

@@ -71,8 +71,9 @@ impl Lens {
     /// One sentence if there is no such model, the count of the numbers is wrong, a number is none or out of its range,
     /// or the lens folds at the centre.
     pub fn named(model: &str, numbers: &[f64]) -> Result<Option<Self>> {
-        let names = Self::parameter_names(model)
-            .with_context(|| format!("its camera model {} is not known", model.escape_debug()))?;
+        let known = MODELS.iter().find(|(name, _)| *name == model);
+        let (model, names) =
+            *known.with_context(|| format!("its camera model {} is not known", model.escape_debug()))?;
         if numbers.len() != names.len() {
             let (wanted, found) = (names.len(), numbers.len());
             let listed = if names.is_empty() { String::new() } else { format!(" ({})", names.join(", ")) };
@@ -87,18 +88,13 @@ impl Lens {
         if base.shape == Shape::Slope && planar == Planar::default() && skew == DMat2::IDENTITY {
             return Ok(None);
         }
-        let lens = Self::new(model, base, planar, skew);
+        let lens = Self::new(model, numbers, (base, planar, skew));
         if lens.radius < SMALLEST_RADIUS {
             let given = names.iter().zip(numbers).filter(|(_, number)| **number != 0.0);
             let given: Vec<_> = given.map(|(name, number)| format!("{name} {number:?}")).collect();
             bail!("its coefficients {} fold at the centre of the picture", given.join(", "));
         }
         Ok(Some(lens))
-    }
-
-    /// The same lens under the name that a file gives it.
-    pub(in crate::camera) fn renamed(self, model: &str) -> Self {
-        Self { model: model.to_owned(), ..self }
     }
 }
 

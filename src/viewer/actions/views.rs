@@ -121,7 +121,7 @@ impl Viewer {
 
     /// Goes to a view that was copied as JSON.
     pub fn paste_view(&mut self, text: &str) {
-        match crate::camera::from_json(text) {
+        match crate::camera::from_json(text).and_then(|camera| camera.undistorted()) {
             Ok(camera) => {
                 self.view.snap(&camera);
                 self.pictures.are_stale = true;
