@@ -100,7 +100,7 @@ impl Camera {
         Ok(Self { camera: camera.map_err(unusable)?, near: None, name: None })
     }
 
-    /// All cameras of a file or folder: cameras.json, transforms.json, the folder of a COLMAP model.
+    /// All cameras of a file or folder, with their lenses: cameras.json, transforms.json, the folder of a COLMAP model.
     #[staticmethod]
     fn read(py: Python, path: &Bound<PyAny>) -> PyResult<Vec<Self>> {
         let path: PathBuf = given(path, "path", "a path")?;

@@ -5,7 +5,7 @@ use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyVal
 use pyo3::prelude::*;
 use smalto::gpu::{TooLarge, Unavailable};
 use smalto::host_memory::OutOfMemory;
-use smalto::render::NoLevels;
+use smalto::render::{NoLevels, UndrawableLens};
 use smalto::scene::{Cancelled, NoLevel, Unreadable};
 
 create_exception!(smalto, Error, PyRuntimeError, "An error of smalto.");
@@ -15,6 +15,10 @@ create_exception!(smalto, OutOfMemoryError, PyMemoryError, "Memory of the host o
 
 /// The exception for an error of the library.
 pub fn exception(error: anyhow::Error) -> PyErr {
+    if let Some(UndrawableLens { model, why }) = error.downcast_ref() {
+        let text = format!("a camera with a lens ({model}) {why}; camera.undistorted() is its pinhole");
+        return PyValueError::new_err(text);
+    }
     let text = format!("{error:#}");
     if error.is::<Unavailable>() {
         DeviceError::new_err(text)

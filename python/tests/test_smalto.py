@@ -2,6 +2,7 @@
 
 import copy
 import gc
+import json
 import multiprocessing
 import os
 import pickle
@@ -335,6 +336,61 @@ def test_cameras_are_values(tmp_path):
         assert all(np.array_equal(again.viewmat, one.viewmat) for again in copies)
     assert camera != named and camera != camera.resized((8, 6)) and camera != 3
     assert len({camera, named, copy.copy(named)}) == 2
+
+
+def bent(camera, lens):
+    return smalto.Camera(K=camera.K, size=camera.size, c2w=camera.c2w, lens=lens)
+
+
+def test_a_picture_through_a_lens_is_that_of_the_command(scene, tmp_path):
+    lens = ("OPENCV_FISHEYE", [0.01, -0.002, 0.0, 0.1])
+    turn = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    pinhole = {"width": 160, "height": 120, "position": [0, 0, -3], "rotation": turn, "fx": 80, "fy": 81}
+    file = tmp_path / "cameras.json"
+    file.write_text(json.dumps([pinhole | {"lens": {"model": lens[0], "parameters": lens[1]}}, pinhole]))
+    camera, plain = smalto.Camera.read(file)
+    assert (camera.lens, plain.lens) == (lens, None)
+    assert bent(camera, lens).lens == lens and bent(camera, lens).K.tolist() == camera.K.tolist()
+    renderer = smalto.Renderer(scene)
+    picture = renderer.render(camera)
+    assert not np.array_equal(picture.color, renderer.render(plain).color)
+    picture.save(tmp_path / "module.png")
+    command = ["-m", "smalto", "render", "cactus:5000", "--cameras", file, "-o", tmp_path / "command.png"]
+    subprocess.run([sys.executable, *command, "--camera", "0"], check=True)
+    assert (tmp_path / "module.png").read_bytes() == (tmp_path / "command.png").read_bytes()
+    assert smalto.compare(picture, smalto.reference(scene, camera))["psnr_db"] > 50
+    refused = [lambda: renderer.render(camera, layers=("depth",))]
+    refused += [lambda: smalto.Renderer(scene, certified=True).render(camera)]
+    for call in refused:
+        with pytest.raises(ValueError, match="lens .OPENCV_FISHEYE. has pictures without depths.*camera.undistorted"):
+            call()
+    assert np.array_equal(renderer.render(camera.undistorted()).color, renderer.render(plain).color)
+    assert renderer.validation_messages == []
+
+
+def test_lenses_are_values_of_cameras():
+    plain = SMALL.camera(16, 12)
+    camera, other = (bent(plain, ("SIMPLE_RADIAL", [k])) for k in (-0.1, 0.1))
+    as_array = bent(plain, ("SIMPLE_RADIAL", np.array([-0.1])))
+    for again in (pickle.loads(pickle.dumps(camera)), copy.copy(camera), as_array):
+        assert again == camera and hash(again) == hash(camera) and again.lens == ("SIMPLE_RADIAL", [-0.1])
+    pinhole = camera.undistorted()
+    assert pinhole.lens is None and pinhole == bent(plain, None) == bent(plain, "PINHOLE")
+    assert len({camera, other, pinhole}) == 3
+    assert camera.resized((8, 6)).lens == camera.lens
+    for model in ("EQUIRECTANGULAR", "ORTHOGRAPHIC"):
+        assert bent(plain, model).lens == (model, [])
+        with pytest.raises(ValueError, match=f"no pinhole sees what its model {model} does"):
+            bent(plain, model).undistorted()
+    for lens, error, text in [
+        ("ROUND", ValueError, "lens: its camera model ROUND is not known"),
+        ("OPENCV", ValueError, "lens: OPENCV has 4 lens parameters .k1, k2, p1, p2., it has 0"),
+        (("FOV", [4.0]), ValueError, "lens: its omega 4.0 is not over 0"),
+        (("FOV", "wide"), TypeError, "lens: expected the name of a model"),
+        (3, TypeError, "lens: expected the name of a model, or .name, parameters., found 3"),
+    ]:
+        with pytest.raises(error, match=text):
+            bent(plain, lens)
 
 
 def test_pictures_before_an_error_of_the_cameras_are_drawn(renderer):

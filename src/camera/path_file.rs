@@ -119,6 +119,15 @@ mod tests {
     }
 
     #[test]
+    fn keys_have_no_lens() {
+        let camera = |lens: &str| crate::camera::to_json(&cameras()[0]).replace("\"fx\"", &format!("{lens}\"fx\""));
+        assert!(Timeline::parse(format!("[{}]", camera("")).as_bytes()).is_ok());
+        let bent = camera(r#""lens": {"model": "FISHEYE"}, "#);
+        let problem = Timeline::parse(format!("[{bent}]").as_bytes()).unwrap_err();
+        assert_eq!(problem.to_string(), "camera 0 has a lens (FISHEYE), and cameras of paths are pinholes");
+    }
+
+    #[test]
     fn timelines_are_camera_files_and_camera_files_timelines() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("path.json");

@@ -70,6 +70,7 @@ fn the_inverse_finds_the_direction_and_the_place() {
     let mut random = Random(1);
     for (model, numbers) in LENSES {
         let lens = lens(model, numbers);
+        assert_eq!((lens.model(), lens.parameters()), (model, numbers));
         for _ in 0..2000 {
             let view = random.view(0.999 * lens.field());
             let plane = lens.plane(view).unwrap_or_else(|| panic!("{model}: {view} of {}", lens.field()));
@@ -333,6 +334,7 @@ fn f_theta_takes_the_polynomial_that_is_the_reference() {
     let there = FTheta { angle_to_px, px_to_angle: [0.0; 6], is_px_to_angle: false, max_angle: 1.8, linear };
     let InPixels { focal_px, lens, disagreement_px } = Lens::f_theta(&there).unwrap();
     assert_eq!((focal_px, disagreement_px), (800.0, 0.0));
+    assert_eq!(Lens::named(lens.model(), lens.parameters()).unwrap(), Some(lens.clone()));
     assert!((lens.field() - 1.8).abs() < 1e-14);
     // gsplat: px = [c d; e 1] R(theta) / rho (x, y)
     let (view, angle) = (DVec3::new(0.3, -0.4, 0.5), 1.0_f64.atan());
@@ -345,6 +347,7 @@ fn f_theta_takes_the_polynomial_that_is_the_reference() {
     let back = FTheta { px_to_angle, is_px_to_angle: true, linear: [1.0, 0.0, 0.0], max_angle: FRAC_PI_2, ..there };
     let read = Lens::f_theta(&back).unwrap();
     assert!((read.lens.field() - FRAC_PI_2).abs() < 1e-14 && read.focal_px == 800.0);
+    assert_eq!(Lens::named(read.lens.model(), read.lens.parameters()).unwrap(), Some(read.lens.clone()));
     let seen = read.lens.direction(DVec2::new(700.0 / 800.0, 0.0)).unwrap();
     let angle = 0.00125 * 700.0 + 1e-8 * 700.0 * 700.0 + 2e-11 * 700.0_f64.powi(3);
     assert!((seen.x.atan2(seen.z) - angle).abs() < 1e-14);

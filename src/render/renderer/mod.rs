@@ -30,6 +30,16 @@ use crate::render::shaders::{Room, Totals};
 use crate::render::upscale::Upscaler;
 use crate::rules::Background;
 
+/// The error where a picture through a lens has more than colours, or is of a scene that lenses do not see.
+#[derive(Debug, thiserror::Error)]
+#[error("a camera with a lens ({model}) {why}; --undistort draws a pinhole")]
+pub struct UndrawableLens {
+    /// The model of the lens.
+    pub model: &'static str,
+    /// The reason: a clause without its subject, the camera.
+    pub why: &'static str,
+}
+
 /// Renders pictures of one scene and keeps its buffers from one frame to the next.
 pub struct Renderer {
     device: Device,
@@ -59,14 +69,6 @@ struct Last {
     background: Background,
     /// True if the frame is finished and the lists of the portable path hold all of it.
     has_tile_lists: bool,
-}
-
-/// The view of a camera with a lens cannot be drawn: of this scene, or with what is asked beside its picture.
-#[derive(Debug, thiserror::Error)]
-#[error("a camera with a lens ({model}) {why}; --undistort draws a pinhole")]
-pub struct UndrawableLens {
-    model: String,
-    why: &'static str,
 }
 
 impl Renderer {
@@ -320,7 +322,7 @@ impl Renderer {
         if let Some(lens) = &camera.lens {
             let inspects = self.needs_tile_lists || inspector.or(self.inspector.as_ref()).is_some();
             let why = self.undrawable_lens(inspects).map_or(Ok(()), Err);
-            why.map_err(|why| UndrawableLens { model: lens.model().to_owned(), why })?;
+            why.map_err(|why| UndrawableLens { model: lens.model(), why })?;
         }
         match self.fit_images(camera.size_px) {
             Err(error) if error.is::<OutOfMemory>() => {
