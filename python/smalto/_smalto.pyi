@@ -81,14 +81,20 @@ class Scene:
     def _of_features(means: Any, quats: Any, scales: Any, opacities: Any) -> Scene: ...
 
 class Camera:
-    """A pinhole camera: where it is, where it looks, and the pixels of its picture. Axes are those of OpenCV and COLMAP:
+    """A camera: where it is, where it looks, its lens, and the pixels of its picture. Axes are those of OpenCV and COLMAP:
     x right, y down, z forward. The pixel in column i and row j is sampled at (i + 0.5, j + 0.5).
 
     K is the matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, `size` is (width, height). The pose is either
     `viewmat`, a 4x4 matrix from world to view, or `c2w`, its inverse. Its rotation R may be off by rounding: where an
     entry of R R^T - I is over 1e-6, it becomes the nearest rotation, and over 0.005 it is refused. `near` is the largest
-    near plane, in world units, that shows what the camera looks at. Cameras can be compared, pickled, and be keys of
-    dictionaries. Errors: ValueError where a matrix has another shape or form, or no picture can be drawn."""
+    near plane, in world units, that shows what the camera looks at.
+
+    `lens` is the name of a model of `smalto render --lens` and its parameters, like ("OPENCV_FISHEYE", [k1, k2, k3,
+    k4]); the name alone is enough for a model without parameters, and by default the camera is a pinhole. The focal
+    lengths of EQUIRECTANGULAR are in pixels per radian, those of ORTHOGRAPHIC in pixels per world unit.
+
+    Cameras can be compared, pickled, and be keys of dictionaries. Errors: ValueError where a matrix has another shape or
+    form, the lens is none, or no picture can be drawn."""
     def __init__(
         self,
         *,
@@ -102,10 +108,12 @@ class Camera:
     ) -> None: ...
     @staticmethod
     def read(path: str | PathLike[str]) -> list[Camera]:
-        """All cameras of a file or folder: cameras.json, transforms.json, the folder of a COLMAP model."""
+        """All cameras of a file or folder, with their lenses: cameras.json, transforms.json, the folder of a COLMAP model."""
     def resized(self, size: Size) -> Camera:
         """The same view in a picture of another size (width, height)."""
-    def undistorted(self) -> Camera: ...
+    def undistorted(self) -> Camera:
+        """The pinhole of the same pose and intrinsics. Errors: ValueError for EQUIRECTANGULAR and ORTHOGRAPHIC, which see
+        what no pinhole does."""
     @property
     def near(self) -> float | None:
         """The largest near plane, in world units, that shows what it looks at; None for cameras of files."""
@@ -116,7 +124,8 @@ class Camera:
     def size(self) -> tuple[int, int]:
         """Width and height in pixels."""
     @property
-    def lens(self) -> tuple[str, list[float]] | None: ...
+    def lens(self) -> tuple[str, list[float]] | None:
+        """The name of the model of its lens and the parameters; None for a pinhole."""
     @property
     def K(self) -> NDArray[np.float64]:
         """The 3x3 matrix of the intrinsics, in pixels."""
