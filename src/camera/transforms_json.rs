@@ -170,7 +170,8 @@ impl Frame<'_> {
             Kind::Fisheye if self.has_any(&["p1", "p2"])? => "THIN_PRISM_FISHEYE",
             Kind::Fisheye => "OPENCV_FISHEYE",
             Kind::Perspective if self.has_any(&OPENCV_ONLY)? => "OPENCV_THIN_PRISM",
-            Kind::Perspective => "PERSPECTIVE",
+            Kind::Perspective if self.has_any(&["k3", "k4"])? => "PERSPECTIVE",
+            Kind::Perspective => "OPENCV",
         };
         let supported = Lens::parameter_names(model).filter(|_| SUPPORTED.contains(&model));
         let names = supported.with_context(|| {
@@ -220,7 +221,8 @@ enum Kind<'f> {
 const OPENCV_ONLY: [&str; 6] = ["k5", "k6", "s1", "s2", "s3", "s4"];
 
 /// Models whose parameters are members of frames.
-const SUPPORTED: [&str; 10] = [
+const SUPPORTED: [&str; 11] = [
+    "OPENCV",
     "PERSPECTIVE",
     "OPENCV_THIN_PRISM",
     "FULL_OPENCV",

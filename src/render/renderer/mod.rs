@@ -30,16 +30,6 @@ use crate::render::shaders::{Room, Totals};
 use crate::render::upscale::Upscaler;
 use crate::rules::Background;
 
-/// The error where a picture through a lens has more than colours, or is of a scene that lenses do not see.
-#[derive(Debug, thiserror::Error)]
-#[error("a camera with a lens ({model}) {why}; --undistort draws a pinhole")]
-pub struct UndrawableLens {
-    /// The model of the lens.
-    pub model: &'static str,
-    /// The reason: a clause without its subject, the camera.
-    pub why: &'static str,
-}
-
 /// Renders pictures of one scene and keeps its buffers from one frame to the next.
 pub struct Renderer {
     device: Device,
@@ -69,6 +59,16 @@ struct Last {
     background: Background,
     /// True if the frame is finished and the lists of the portable path hold all of it.
     has_tile_lists: bool,
+}
+
+/// The error where a picture through a lens has more than colours, or is of a scene that lenses do not see.
+#[derive(Debug, thiserror::Error)]
+#[error("a camera with a lens ({model}) {why}; --undistort draws a pinhole")]
+pub struct UndrawableLens {
+    /// The model of the lens.
+    pub model: &'static str,
+    /// The reason: a clause without its subject, the camera.
+    pub why: &'static str,
 }
 
 impl Renderer {
