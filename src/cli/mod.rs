@@ -131,7 +131,7 @@ enum Command {
     Convert(convert::Args),
     Lod(convert::lod::Args),
     Prune(prune::Args),
-    Bench(bench::Args),
+    Bench(Box<bench::Args>),
     Compare(compare::Args),
     Trade(trade::Args),
     Doctor(doctor::Args),
