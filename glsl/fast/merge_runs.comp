@@ -3,7 +3,7 @@
 #include "shared/workgroup.glsl"
 #extension GL_EXT_control_flow_attributes : require
 #include "fast/frame.glsl"
-// One workgroup per run of a list of several runs, at most MERGE_RUNS: moves each of its entries to its place in the list.
+// One workgroup per run of a list of several runs, at most MERGE_RUNS: moves its entries to their places in the list.
 // Before: each run in `entries` is sorted. After: splat_ids of these lists are sorted by depth, then by Gaussian.
 // An entry's place is the number of entries before it, summed over the runs and found by binary search in workgroup
 // memory. No workgroup waits for another.

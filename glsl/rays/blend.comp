@@ -5,8 +5,7 @@
 #include "portable/blend_splat.glsl"
 // One workgroup per 16x16 tile, one invocation per pixel: blends the tile's list front to back along the rays of its
 // pixels, as portable/blend.comp.
-// Before: ranges and sorted splat_ids. After: image = (colour over the background, 1 - T); transparent where a pixel has
-// no ray.
+// Before: ranges and sorted splat_ids. After: image = (colour over the background, 1 - T); 0 where a pixel has no ray.
 
 layout(constant_id = 0) const bool CULL_PIXEL_BLOCKS = true;
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
@@ -18,7 +17,7 @@ layout(binding = 2, scalar) readonly buffer Splats { RaySplat splats[]; };      
 layout(binding = 3, scalar) buffer TotalsBlock { Totals totals; };
 layout(binding = 4, scalar) readonly buffer TilesByClass { uint tiles_by_class[]; };        // [TILE_CLASSES * tiles]
 layout(binding = 5, rgba32f) uniform image2D image;
-layout(binding = 6, scalar) readonly buffer Rays { vec3 rays[]; };                          // [pixels] 0 if there is none
+layout(binding = 6, scalar) readonly buffer Rays { vec3 rays[]; };                          // [pixels] 0 if none
 layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint tiles;

@@ -1,6 +1,6 @@
 // Types and tests that the stages of the rays path share. A pixel has a ray `d`, in view axes: a unit vector, or for a
-// parallel lens (x, y, 1), the ray along z through (x, y). These stages know no lens: it is in the rays of the pixels, in
-// the cones around the rays of tiles, and in the table of footprints, which the host makes in f64.
+// parallel lens (x, y, 1), the ray along z through (x, y). These stages know no lens: it is in the rays of the pixels,
+// in the cones around the rays of tiles, and in the table of footprints, which the host makes in f64.
 #include "portable/frame.glsl"
 
 // A Gaussian as rays meet it. With s = (dot(u, d - centre), dot(v, d - centre)) and w = dot(q, d), its falloff, the

@@ -1,5 +1,5 @@
 //! `cameras.json` of the original 3DGS: an array of camera-to-world poses with focal lengths. smalto adds
-//! optional members: the principal point, the lens, and the time of a key and whether it rests. Other programs ignore them.
+//! optional members: the principal point, the lens, the time of a key, whether it rests. Other programs ignore them.
 
 use std::io::Write;
 use std::path::Path;

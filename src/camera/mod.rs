@@ -51,8 +51,8 @@ pub const MAX_SIDE: u32 = 65536;
 /// Largest coordinate of a position in world units. Beyond it, no scene can be drawn in 32-bit floats.
 pub const MAX_POSITION: f64 = 1e30;
 
-/// A camera: a pinhole, or one with a lens. View axes are COLMAP's: x right, y down, z forward. A pixel is sampled at its centre:
-/// pixel (i, j) at (i + 0.5, j + 0.5).
+/// A camera: a pinhole, or one with a lens. View axes are COLMAP's: x right, y down, z forward. A pixel is sampled at
+/// its centre: pixel (i, j) at (i + 0.5, j + 0.5).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// World units.
@@ -85,8 +85,8 @@ impl Camera {
         Self { focal_px: DVec2::splat(focal), centre_px: centre(size_px) + aside * focal, size_px, ..self.clone() }
     }
 
-    /// Where a point of the world is seen, in pixels, and its [depth](Self::depth). `None` if it is not before a pinhole
-    /// or outside the domain of the lens.
+    /// Where a point of the world is seen, in pixels, and its [depth](Self::depth). `None` if it is behind a pinhole or
+    /// outside the domain of the lens.
     pub fn projected(&self, world: DVec3) -> Option<(DVec2, f64)> {
         let seen = self.view(world);
         let plane = match &self.lens {

@@ -17,7 +17,7 @@
 //! **`portable`.** The path that runs on every device: cull, project, sort by depth, list in tiles, blend.
 //! -> `scene`, `frame`, `constants`, `capacity`
 //!
-//! **`rays`.** The path for cameras with lenses: the stages of `portable`, but along the ray of every pixel. -> `portable`
+//! **`rays`.** The path for cameras with lenses: stages of `portable`, but along the ray of every pixel. -> `portable`
 //!
 //! **`fast`.** The path for subgroups of a known size: project, list in bins, sort and merge each list, blend.
 //! -> `portable` (the size of sort digits)
