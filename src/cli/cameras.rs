@@ -115,10 +115,10 @@ pub(super) struct LensArgs {
     /// camera, like OPENCV_FISHEYE:0.01,-0.002,0,0; ORTHOGRAPHIC; EQUIRECTANGULAR, which fills the picture; or PINHOLE.
     /// The default is the lens of the file. docs/cameras.md has all models.
     #[arg(long, help_heading = CAMERAS, value_name = "MODEL[:K,...]", value_parser = parse_lens)]
-    #[arg(conflicts_with = "undistort", allow_hyphen_values = true)]
+    #[arg(allow_hyphen_values = true)]
     lens: Option<NamedLens>,
     /// Draw cameras with lenses as pinholes of the same poses
-    #[arg(long, help_heading = CAMERAS)]
+    #[arg(long, help_heading = CAMERAS, conflicts_with_all = ["lens", "eye"])]
     undistort: bool,
 }
 

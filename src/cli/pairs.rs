@@ -22,6 +22,7 @@ const ACCURACY: &str = "stop key-bits sh-degree sh-storage shape-storage scale";
 const LEVELS: &str = "lod-error lod-psnr lod-fade splats";
 const BUDGET: &str = "max-error min-psnr";
 const PLACE: &str = "eye target camera-up fov";
+const LENS: &str = "lens undistort";
 
 const COMMANDS: [Pairs; 10] = [
     Pairs {
@@ -38,6 +39,7 @@ const COMMANDS: [Pairs; 10] = [
             "portable",
             "reference timings certificate dump json no-clobber orbit shard verify place measure-levels",
             PLACE,
+            LENS,
         ],
         refused: &[
             ("reference", "device portable timings dump certificate max-error min-psnr"),
@@ -48,6 +50,8 @@ const COMMANDS: [Pairs; 10] = [
             ("measure-levels", "reference certificate dump verify max-error min-psnr"),
             ("place", "reference portable certificate max-error min-psnr"),
             ("max-error", "min-psnr"),
+            ("undistort", "lens"),
+            ("undistort", PLACE),
             (BUDGET, "preset"),
             (BUDGET, ACCURACY),
             ("path", "cameras camera split dump"),
@@ -117,6 +121,7 @@ const COMMANDS: [Pairs; 10] = [
             ACCURACY,
             LEVELS,
             PLACE,
+            LENS,
             "cameras split path size warmup frames preset check certificate",
             "json csv plot baseline threshold place measure-levels",
         ],
@@ -124,6 +129,8 @@ const COMMANDS: [Pairs; 10] = [
             ("cameras", "path"),
             (PLACE, "cameras split path"),
             ("place", "check certificate"),
+            ("undistort", "lens"),
+            ("undistort", PLACE),
             ("lod-psnr", "lod-error"),
         ],
     },
@@ -174,6 +181,7 @@ fn sample(arg: &Arg) -> String {
         "AXIS" => "z",
         "AXES" => "y",
         "STEP" => "scale=2",
+        "MODEL[:K,...]" => "FISHEYE",
         "SHAPE" => "sphere=0,0,0,1",
         "3|4" => "3",
         "SIZE" => "64MB",

@@ -125,7 +125,8 @@ fn a_demand_of_more_than_32_bits_is_counted() {
 
 #[test]
 fn offsets_order_bins_by_length() {
-    let lengths: Vec<u32> = (0..900).map(|i: u32| i.wrapping_mul(0x9e37_79b9) >> (15 + i % 17)).collect();
+    let mut lengths: Vec<u32> = (0..900).map(|i: u32| i.wrapping_mul(0x9e37_79b9) >> (15 + i % 17)).collect();
+    lengths[450] = LONG_LIST + 1;
     let bench = Bench::new([30 * 64, 30 * 32], 2, &Input::of_lengths(&[], |_| 0), 0, 0);
     let demand: u32 = lengths.iter().sum();
     let counted = FastCounters { listed_low: demand, ..bytemuck::Zeroable::zeroed() };
@@ -156,8 +157,8 @@ fn offsets_order_bins_by_length() {
 
 /// Around lanes, subgroups, runs, merge inputs.
 const LENGTHS: [usize; 26] = [
-    0, 1, 2, 7, 8, 9, 31, 32, 33, 511, 512, 513, 1023, 1024, 1025, 2047, 2048, 2049, 4095, 4096, 4097, 10_000, 32_767,
-    32_768, 32_769, 70_000,
+    0, 1, 2, 7, 8, 9, 31, 32, 33, 511, 512, 513, 1023, 1024, 1025, 2047, 2048, 2049, 4095, 4096, 4097, 10_000, 32_768,
+    70_000, 131_072, 131_073,
 ];
 
 /// The depth key of a splat.
@@ -173,7 +174,7 @@ fn sort_and_merge_order_lists_of_every_length() {
         ("ascending", |i| i),
         ("one far", |i| if i % 2000 == 1 { 0x7f00_0000 } else { i % 16 }),
     ];
-    let forms = [(LENGTHS.as_slice(), 2), (&LENGTHS[..LENGTHS.len() - 2], MERGE_RUNS as usize)];
+    let forms = [(LENGTHS.as_slice(), 2), (&LENGTHS[..LENGTHS.len() - 1], MERGE_RUNS as usize)];
     let cases = forms.into_iter().flat_map(|form| kinds.map(|kind| [(form, kind, false), (form, kind, true)]));
     for ((lengths, inputs), (name, key), is_shuffled) in cases.flatten() {
         let size = [lengths.len() as u32 * 64, 32];

@@ -225,8 +225,8 @@ mod tests {
         let entries = work.entries.clone();
         work.grow(&device, demand(4_000_000), 20_000).unwrap();
         assert!(std::ptr::eq(entries.name(), work.entries.name()), "the next frame makes no new buffers");
-        let error = work.grow(&device, demand(4_000_000), 40_000).unwrap_err();
-        assert!(error.is::<OutOfMemory>(), "a list of 20 runs is merged in pairs: {error:#}");
+        let error = work.grow(&device, demand(4_000_000), 140_000).unwrap_err();
+        assert!(error.is::<OutOfMemory>(), "a list of 69 runs is merged in pairs: {error:#}");
 
         let device = open();
         let mut work = FastWorkspace::new(&device, Capacity::default(), 2).unwrap();
