@@ -163,7 +163,7 @@ fn a_sphere_is_read_and_is_no_pinhole() {
         let (at, depth) = camera.projected(right).unwrap();
         assert!(at.distance(glam::DVec2::new(1000.0 + 2000.0 * FRAC_PI_2 / (2.0 * PI), 750.0)) < 1e-9, "{at}");
         assert!((depth - 1.0).abs() < 1e-12);
-        let problem = read.into_pinholes().unwrap_err().to_string();
+        let problem = format!("{:#}", read.into_pinholes().unwrap_err());
         assert!(problem.ends_with(": no pinhole sees what its model EQUIRECTANGULAR does"), "{problem}");
     }
 }
