@@ -83,6 +83,7 @@ impl Bench {
         let scene = GpuScene::new(&gpu.0, &cactus(1).unwrap().gaussians, options).unwrap();
         let pipeline = FastPipeline::new(&gpu.0, options, scene.layout()).unwrap();
         let mut pipeline = pipeline.expect("the device has a fast path");
+        pipeline.list_any_length();
         let grid = BinGrid::new(size_px, form);
         let count = input.span_ranges.len();
         let capacity = Capacity {

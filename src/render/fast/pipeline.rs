@@ -167,6 +167,12 @@ impl FastPipeline {
         self.longest_list
     }
 
+    /// Lists any length from now on, also where loops of `blend` end early: for tests of the other stages.
+    #[doc(hidden)]
+    pub fn list_any_length(&mut self) {
+        self.longest_list = u32::MAX;
+    }
+
     /// The constants and the subgroup size of its stages.
     pub(in crate::render) fn constants(&self) -> (&SharedConstants, u32) {
         (&self.constants, self.subgroup)
@@ -319,7 +325,8 @@ impl FastPipeline {
             visible_capacity: work.visible_capacity(),
             span_capacity: work.spans.len() as u32,
             entry_capacity: work.entry_capacity(),
-            longest_list: work.longest_list(),
+            // A longer list is cut into slabs, and must not be drawn in part.
+            longest_list: work.longest_list().min(self.longest_list),
         };
         cmd.dispatch(&self.offsets, bindings, push, DispatchSize::Groups(1));
     }
