@@ -29,7 +29,7 @@ pub const TILE: u32 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
-    /// Near plane in world units: a Gaussian is drawn only if the view depth of its mean is larger.
+    /// Near plane in world units: a Gaussian is drawn only if the depth of its mean is larger.
     pub near: f32,
     /// Sort key of the splats.
     pub order: Order,

@@ -7,14 +7,7 @@ use glam::DVec3;
 use serde_json::json;
 use smalto::camera::{self, Camera, NamedCamera};
 
-use crate::common::program::{fails, ok, path, run, smalto};
-
-fn notes(arguments: &[&str]) -> String {
-    let output = smalto(arguments);
-    let notes = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{arguments:?}: {notes}");
-    notes
-}
+use crate::common::program::{fails, notes, ok, path, run};
 
 #[test]
 fn a_found_camera_file_that_cannot_be_used_is_a_note_and_the_default_view() {

@@ -5,7 +5,7 @@ use std::fs;
 use serde_json::{Value, json};
 
 use super::shards::{cameras, pictures};
-use crate::common::program::{fails, ok, path, smalto};
+use crate::common::program::{fails, notes, ok, path};
 
 /// A `transforms.json` with one camera before the cactus, and these members.
 fn transforms(folder: &tempfile::TempDir, name: &str, members: &Value) -> String {
@@ -15,13 +15,6 @@ fn transforms(folder: &tempfile::TempDir, name: &str, members: &Value) -> String
     let written = path(folder, name);
     fs::write(&written, file.to_string()).unwrap();
     written
-}
-
-fn notes(arguments: &[&str]) -> String {
-    let output = smalto(arguments);
-    let notes = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{arguments:?}: {notes}");
-    notes
 }
 
 #[test]

@@ -33,3 +33,11 @@ pub fn fails(code: i32, arguments: &[&str]) -> String {
 pub fn path(folder: &tempfile::TempDir, name: &str) -> String {
     folder.path().join(name).display().to_string()
 }
+
+/// What the program prints to stderr with these arguments, which it must not refuse.
+pub fn notes(arguments: &[&str]) -> String {
+    let output = smalto(arguments);
+    let notes = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{arguments:?}: {notes}");
+    notes
+}

@@ -218,6 +218,18 @@ fn sort_and_merge_order_lists_of_every_length() {
     }
 }
 
+/// Sorts and merges the lists of a bench, and checks each. Returns the splats of all lists.
+fn sort_and_check(bench: &Bench, input: &Input) -> Vec<u32> {
+    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
+    bench.run(|b, cmd| b.pipeline.merge(cmd, &b.work));
+    let ids = bench.gpu.download(&bench.work.splat_ids);
+    for (ids, mut expected) in parts(&ids, &bench.bins()).zip(input.lists(bench.grid)) {
+        reference::sort_run(&mut expected, &input.gaussian_from_splat);
+        assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "a list of {}", ids.len());
+    }
+    ids
+}
+
 /// Many splats are listed in more chunks, and their lists begin at other places.
 #[test]
 fn many_splats_are_listed_in_more_chunks_than_sort_has_lanes() {
@@ -229,13 +241,7 @@ fn many_splats_are_listed_in_more_chunks_than_sort_has_lanes() {
     let bench = Bench::with(&Options::BALANCED, [40 * 64, 25 * 32], 2, &input, count as usize, 0);
     assert_eq!(bench.work.bin_chunks(bench.grid), MAX_BIN_CHUNKS);
     bench.list();
-    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
-    bench.run(|b, cmd| b.pipeline.merge(cmd, &b.work));
-    let ids = bench.gpu.download(&bench.work.splat_ids);
-    for (ids, mut expected) in parts(&ids, &bench.bins()).zip(input.lists(bench.grid)) {
-        reference::sort_run(&mut expected, &input.gaussian_from_splat);
-        assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "a list of {}", ids.len());
-    }
+    sort_and_check(&bench, &input);
 }
 
 /// A folded dispatch may have more workgroups than there are runs. Here it has twice as many, those beyond find the
@@ -259,13 +265,7 @@ fn workgroups_without_a_run_do_nothing() {
         cmd.fill(&b.work.entries, UNTOUCHED);
         cmd.fill(&b.work.merged, UNTOUCHED);
     });
-    bench.run(|b, cmd| b.pipeline.sort(cmd, &b.work, b.grid));
-    bench.run(|b, cmd| b.pipeline.merge(cmd, &b.work));
-    let ids = bench.gpu.download(&bench.work.splat_ids);
-    for (ids, mut expected) in parts(&ids, &bench.bins()).zip(input.lists(bench.grid)) {
-        reference::sort_run(&mut expected, &input.gaussian_from_splat);
-        assert!(expected.iter().map(|[_, splat]| splat).eq(ids), "a list of {}", ids.len());
-    }
+    let ids = sort_and_check(&bench, &input);
     assert!(ids[entries..].iter().all(|id| *id == !UNTOUCHED));
     for buffer in [&bench.work.entries, &bench.work.merged] {
         assert!(bench.gpu.download(buffer)[entries..].iter().flatten().all(|word| *word == UNTOUCHED));
