@@ -3,12 +3,11 @@
 #include "fast/frame.glsl"
 #include "shared/rules.glsl"
 #include "shared/blend_rules.glsl"
-#include "fast/splat.glsl"
 #include "fast/transmittance.glsl"
 // The blend of a block of pixels by one subgroup, front to back, over the list of its bin.
 // Requires: WORKGROUP_SIZE, BLOCK_HEIGHT, HAS_RING
-// A lane has several pixels of one column. The exponent of a splat is a polynomial around the middle of the block (the
-// idea of Local-GS) and takes two fused multiply-adds per pixel.
+// A lane has several pixels of one column. What a splat weighs at a pixel is in fast/exponents.glsl, or, with RAYS, in
+// fast_rays/exponents.glsl.
 
 #include "fast/subgroup_owner.glsl"
 layout(constant_id = 12) const bool HAS_CLAMPED_ALPHAS = true;  // some opacity is above ALPHA_MAX
@@ -22,11 +21,17 @@ layout(binding = 4, scalar) readonly buffer Masks { uint masks[]; };            
 #define IMAGE_ACCESS writeonly
 #endif
 layout(binding = 5, rgba32f) IMAGE_ACCESS uniform image2D image;
+#ifdef RAYS
+layout(binding = 6, scalar) readonly buffer Rays { vec3 rays[]; };                          // [pixels] 0 if none
+#endif
 layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     uint bins_x;
     uint bins;
     vec3 background;
+#ifdef RAYS
+    uint is_parallel;
+#endif
 } push;
 
 // The exp2 of the largest exponent. An alpha of 1 is lowered by less than it is rounded: it must not make a
@@ -43,62 +48,14 @@ const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
 
 #include "fast/block_walk.glsl"
 
-// The entries that are blended next.
-// With COMPACT, exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y).
-// Without, exponent = a.x - (a.y + x a.w + y b.x)^2 - (a.z + y b.y)^2: three operations more and a tenth of the
-// rounding error.
-shared vec4 staged_a[WORKGROUP];
-shared vec4 staged_b[WORKGROUP];  // zw: red and green
-shared float staged_blue[WORKGROUP];
-
-struct Record {
-    vec4 a;
-    vec4 b;
-    float blue;
-};
-
-Record load_record(uint splat) {
-    Record record;
-    record.a = uintBitsToFloat(splats[splat * SPLAT_WORDS]);
-    uvec4 b = splats[splat * SPLAT_WORDS + 1];
-    if (COMPACT) {
-        record.b = vec4(uintBitsToFloat(b.xy), unpackHalf2x16(b.z));
-        record.blue = unpackHalf2x16(b.w).x;
-    } else {
-        record.b = uintBitsToFloat(b);
-        record.blue = uintBitsToFloat(splats[splat * SPLAT_WORDS + 2].x);
-    }
-    return record;
-}
-
-// Stages the polynomial of this lane's splat around `middle` for all lanes. A lane without a splat stages one that is
-// never drawn, and so does one whose polynomial would be infinite or NaN.
-void stage(Record record, vec2 middle, bool exists) {
-    vec2 d = middle - record.a.xy;
-    vec3 factor = vec3(record.a.zw, record.b.x);
-    uint place = lane();
-    precise float u = fma(factor.x, d.x, factor.y * d.y);
-    precise float v = factor.z * d.y;
-    precise float square = fma(u, u, v * v);
-    bool draws = exists && square < 1e30;
-    vec4 a, b;
-    if (COMPACT) {
-        precise float at_middle = record.b.y - square - LOWERED;
-        a = vec4(at_middle, -2.0 * factor.x * u, -2.0 * (factor.y * u + factor.z * v), -factor.x * factor.x);
-        b = vec4(-2.0 * factor.x * factor.y, -(factor.y * factor.y + factor.z * factor.z), record.b.zw);
-    } else {
-        a = vec4(record.b.y, u, v, factor.x);
-        b = vec4(factor.yz, record.b.zw);
-    }
-    staged_a[place] = draws ? a : vec4(-1e30, vec3(0.0));
-    staged_b[place] = draws ? b : vec4(0.0);
-    staged_blue[place] = record.blue;
-}
+#ifdef RAYS
+#include "fast_rays/exponents.glsl"
+#else
+#include "fast/exponents.glsl"
+#endif
 
 // The state of this lane's pixels of a block.
 uvec2 pixel;             // px, the first pixel of the lane
-vec2 middle;             // px, the middle of the block
-float x, y[PIXELS];      // px, the centres of the lane's pixels relative to the middle
 // A pixel that goes on has the transmittance `live` and stops when that falls below `limit`. A pixel that has stopped
 // has `live` = 0 and `limit` < 0, and its transmittance is `last`. All three are multiplied by UNIT, so that alpha
 // times T is exp2(exponent) times `live`.
@@ -124,13 +81,13 @@ void blend_entries(Bin bin, uint block) {
     uint entry;
     uint count = take(walk, bin, block, entry);
     uint splat = gl_SubgroupInvocationID < count ? splat_ids[bin.first + entry] : 0;
-    Record record = Record(vec4(0.0), vec4(0.0), 0.0);
+    Record record = NO_RECORD;
     if (gl_SubgroupInvocationID < count) record = load_record(splat);
     uint count_ahead = take(walk, bin, block, entry);
     if (gl_SubgroupInvocationID < count_ahead) splat = splat_ids[bin.first + entry];
     while (count > 0) {
         subgroupBarrier();
-        stage(record, middle, gl_SubgroupInvocationID < count);
+        stage(record, gl_SubgroupInvocationID < count);
         subgroupBarrier();
         uint first = gl_SubgroupID * SUBGROUP, behind = first + count;
         count = count_ahead;
@@ -141,18 +98,10 @@ void blend_entries(Bin bin, uint block) {
             float weights[AT_ONCE][PIXELS];  // exp2(exponent), then alpha T
             vec3 colours[AT_ONCE];
             [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-                vec4 a = staged_a[i + j], b = staged_b[i + j];
-                colours[j] = vec3(b.zw, staged_blue[i + j]);
-                float on_axis = COMPACT ? fma(x, fma(a.w, x, a.y), a.x) : fma(a.w, x, a.y);
-                float slope = fma(b.x, x, a.z);  // used with COMPACT
+                Curve curve = staged_curve(i + j);
+                colours[j] = curve.colour;
                 [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-                    float exponent;
-                    if (COMPACT) {
-                        exponent = fma(y[k], fma(b.y, y[k], slope), on_axis);
-                    } else {
-                        float u = fma(b.x, y[k], on_axis), v = fma(b.y, y[k], a.z);
-                        exponent = fma(-u, u, fma(-v, v, a.x));
-                    }
+                    float exponent = exponent_at(curve, k);
                     float weight = FLUSHES || exponent >= 0.0 ? exp2(exponent) : 0.0;
                     if (HAS_CLAMPED_ALPHAS) weight = min(LARGEST_WEIGHT, weight);
                     weights[j][k] = weight;
@@ -218,8 +167,6 @@ bool begin_block(uint bin_number, uint block) {
     uvec2 corner = BLOCK * (uvec2(BIN_COLUMNS, BIN_ROWS) * bin_place + uvec2(block % BIN_COLUMNS, block / BIN_COLUMNS));
     uvec2 lane_place = uvec2(gl_SubgroupInvocationID % BLOCK_WIDTH, gl_SubgroupInvocationID / BLOCK_WIDTH);
     pixel = corner + lane_place;
-    middle = vec2(corner) + 0.5 * vec2(BLOCK);
-    x = float(lane_place.x) + 0.5 - 0.5 * float(BLOCK.x);
-    for (uint k = 0; k < PIXELS; k++) y[k] = float(lane_place.y + k * ROWS) + 0.5 - 0.5 * float(BLOCK.y);
+    place_pixels(corner, lane_place);
     return all(lessThan(corner, push.size_px));
 }

@@ -5,14 +5,25 @@
 //   INDEX_OF(g)      the index by which Gaussian g is ordered among those of equal depth
 //   IN_WORLD(depth) and NEAR, as depth_key.glsl says
 //   ATTRIBUTES       if looks may show attributes: the macros of inspect/attributes.glsl are defined, too
+//   RAYS             for pictures along rays, whose bindings and push constants are those of fast_rays/project.comp
 #define LISTED (uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height))
 #include "shared/ellipse.glsl"
-#include "fast/splat.glsl"
 #include "shared/storage.glsl"
+#ifdef RAYS
+#include "fast_rays/projection.glsl"
+#else
+#define SPLAT Splat
+#include "fast/splat.glsl"
 #include "shared/cull_test.glsl"
 #include "shared/projection.glsl"
+#endif
 #include "shared/depth_key.glsl"
 #include "shared/spans.glsl"
+#ifdef RAYS
+#include "fast_rays/spans.glsl"
+#else
+#define WRITE_SPANS(splat, ellipse, rows, offset) write_spans(ellipse, rows, offset)
+#endif
 #ifdef ATTRIBUTES
 #include "inspect/attributes.glsl"
 
@@ -33,7 +44,7 @@ shared uvec2 first;                   // indices of the first of these splats an
 void make_splat(uint gaussian, float z, bool exists) {
     vec3 mean = exists ? uintBitsToFloat(bounds[gaussian].xyz) : vec3(0.0);
     precise vec3 p = (mean - VIEW.position_high) - VIEW.position_low;
-    Splat splat;
+    SPLAT splat;
     Ellipse ellipse = EMPTY_ELLIPSE;
     // If there are few words, they are loaded before it is certain that they are needed: they arrive while the splat is
     // projected.
@@ -68,7 +79,7 @@ void make_splat(uint gaussian, float z, bool exists) {
     bool kept = rows.y > 0 && index < push.visible_capacity;
     bool fits = row_spans == 0 || offset <= push.span_capacity && row_spans <= push.span_capacity - offset;
     if (!kept || !fits) rows.y = 0;
-    write_spans(ellipse, rows.y > 1 ? rows : uvec2(0), offset);
+    WRITE_SPANS(splat, ellipse, rows.y > 1 ? rows : uvec2(0), offset);
     if (!kept) return;
     gaussian_from_splat[index] = INDEX_OF(gaussian);
     uint place = rows.y == 1 ? tile_span(ellipse, rows.x, VIEW.size_px) : offset;
@@ -79,7 +90,8 @@ void make_splat(uint gaussian, float z, bool exists) {
 #ifdef ATTRIBUTES
     if (ATTRIBUTE != NO_ATTRIBUTE) splat.colour = attribute_of(gaussian, mean, z, area_of(splat));
 #endif
-    splats[index * SPLAT_WORDS] = first_element(splat);
-    splats[index * SPLAT_WORDS + 1] = second_element(splat);
-    if (!COMPACT) splats[index * SPLAT_WORDS + 2] = third_element(splat);
+    splats[index * SPLAT_WORDS] = element(splat, 0);
+    splats[index * SPLAT_WORDS + 1] = element(splat, 1);
+    if (SPLAT_WORDS > 2) splats[index * SPLAT_WORDS + 2] = element(splat, 2);
+    if (SPLAT_WORDS > 3) splats[index * SPLAT_WORDS + 3] = element(splat, 3);
 }

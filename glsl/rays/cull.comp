@@ -18,6 +18,7 @@ layout(push_constant, scalar) uniform Push {
     uint cones;
 } push;
 
+#define IS_PARALLEL (push.is_parallel == 1)
 #include "rays/view.glsl"
 
 // The words of `bound` are those of shared/cull_test.glsl.

@@ -32,74 +32,23 @@ layout(push_constant, scalar) uniform Push {
     float large;       // the chord beyond which a subgroup shares a splat
 } push;
 
-layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
-
-const float COMPENSATION_MIN = 0.005;  // lower limit of the factor of an opacity (gsplat)
-
+#define IS_PARALLEL (push.is_parallel == 1)
+#define HALF_SINE push.half_sine
 #include "shared/storage.glsl"
 #include "rays/view.glsl"
+#include "rays/form.glsl"
 #include "rays/walk_tiles.glsl"
 
-// The covariance of directions that a pixel covers at a unit direction `rho` from the axis: away from the axis, mixed,
-// around it. The table has rows by the sine of half the angle, columns by the place on a square around the axis.
-vec3 footprint_at(vec3 n, float rho) {
-    float row = min(0.5 * length(vec2(rho, 1.0 - n.z)) / push.half_sine, 1.0) * float(FOOTPRINTS);
-    vec2 place = n.xy / max(abs(n.x) + abs(n.y), 1e-30);
-    float around = place.y >= 0.0 ? (place.x >= 0.0 ? place.y : 1.0 - place.x)
-                                  : (place.x < 0.0 ? 2.0 - place.y : 3.0 + place.x);
-    vec2 cells = vec2(0.25 * around * float(FOOTPRINTS), row);
-    uvec2 cell = min(uvec2(cells), uvec2(FOOTPRINTS - 1));
-    vec2 inside = cells - vec2(cell);
-    uint first = cell.y * (FOOTPRINTS + 1) + cell.x, second = first + FOOTPRINTS + 1;
-    vec3 low = mix(footprints[first], footprints[first + 1], inside.x);
-    return mix(low, mix(footprints[second], footprints[second + 1], inside.x), inside.y);
-}
-
-// A direction of view axes in world axes.
-vec3 to_world(vec3 axis) {
-    return axis.x * VIEW.right + axis.y * VIEW.down + axis.z * VIEW.forward;
-}
-
 RaySplat make_splat(uint gaussian, vec3 p) {
+    RayForm form = ray_form(gaussian, p);
     RaySplat splat;
-    vec4 rotation;
-    vec3 scale;
-    load_shape(gaussian, rotation, scale, splat.opacity);
-    float unit = unit_of(p);
-    bool is_parallel = push.is_parallel == 1;
-    vec3 centre = centre_of(p), normal = is_parallel ? vec3(0.0, 0.0, 1.0) : centre;
-    // The frame across the direction: away from the axis, and around it.
-    float rho = length(normal.xy);
-    vec2 azimuth = rho > 0.0 ? normal.xy / rho : vec2(1.0, 0.0);
-    vec3 e1 = vec3(normal.z * azimuth, -rho), e2 = vec3(-azimuth.y, azimuth.x, 0.0);
-    vec2 px = 1.0 / VIEW.focal_px;
-    vec3 low_pass = LOW_PASS * (is_parallel ? vec3(px.x * px.x, 0.0, px.y * px.y) : footprint_at(normal, rho));
-    float l11 = low_pass.x, l12 = low_pass.y, l22 = low_pass.z;
-    // Beyond 1e9 units a longer axis changes no weight.
-    scale = min(scale / unit, 1e9);
-    mat3 turned = rotation_matrix(rotation);
-    vec3 m1 = (to_world(e1) * turned) * scale, m2 = (to_world(e2) * turned) * scale;
-    vec3 m3 = (to_world(normal) * turned) * scale;
-    vec3 minors = cross(m1, m2);
-    float a = dot(m1, m1) + l11, b = dot(m1, m2) + l12, c = dot(m2, m2) + l22, sharp = dot(minors, minors);
-    float determinant = sharp + dot(m1, m1) * l22 - 2.0 * dot(m1, m2) * l12 + dot(m2, m2) * l11 + l11 * l22 - l12 * l12;
-    // The Cholesky factor of the inverse of [a b; b c].
-    float fx = sqrt(c / determinant), fy = -(b / sqrt(c)) / sqrt(determinant), fz = 1.0 / sqrt(c);
-    vec2 whitened = vec2(fx * dot(m1, m3) + fy * dot(m2, m3), fz * dot(m2, m3));
-    vec2 gamma = is_parallel ? vec2(0.0) : vec2(fx * whitened.x, fy * whitened.x + fz * whitened.y);
-    vec3 along = m3 - gamma.x * m1 - gamma.y * m2;
-    // The variance along the ray that is left, as a sum of squares.
-    float kappa = dot(along, along) + gamma.x * gamma.x * l11 + 2.0 * gamma.x * gamma.y * l12 + gamma.y * gamma.y * l22;
-    float to_exp2 = sqrt(0.5 * LOG2_E);
-    splat.centre = centre;
-    splat.u = to_exp2 * (fx * e1 + fy * e2);
-    splat.v = to_exp2 * fz * e2;
-    splat.q = normal - gamma.x * e1 - gamma.y * e2;
-    splat.kappa = is_parallel ? 0.0 : kappa / (0.5 * LOG2_E);
-    if (ANTIALIASED) splat.opacity *= sqrt(max(sharp / determinant, COMPENSATION_MIN * COMPENSATION_MIN));
-    float deviations = sqrt(max(falloff_limit(splat.opacity), 0.0) / (0.5 * LOG2_E));
-    float radius = max(scale.x, max(scale.y, scale.z)) + sqrt(l11 + l22);
-    splat.chord = chord_of(1.00001 * deviations * radius);
+    splat.centre = form.centre;
+    splat.u = axis_u(form.across, form.factor);
+    splat.v = axis_v(form.across, form.factor);
+    splat.q = depth_axis(form.across, form.gamma);
+    splat.kappa = form.kappa;
+    splat.opacity = form.opacity;
+    splat.chord = form.chord;
     return splat;
 }
 
@@ -140,7 +89,7 @@ void main() {
     if (tiles > 0) {
         uvec4 stored[SH_VECTORS];
         fetch_sh(gaussian, stored);
-        splat.colour = stored_colour(stored, to_world(p / length(p)));
+        splat.colour = stored_colour(stored, to_world(direction(p)));
         splats[index] = splat;
     }
 }

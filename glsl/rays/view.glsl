@@ -1,5 +1,5 @@
 // The mean of a Gaussian as rays see it.
-// Requires: rays/frame.glsl, depth.glsl, VIEW, push.is_parallel
+// Requires: rays/frame.glsl, depth.glsl, VIEW, IS_PARALLEL, true if the lens is parallel
 
 // A point in view axes.
 vec3 view_axes(vec3 mean) {
@@ -9,22 +9,22 @@ vec3 view_axes(vec3 mean) {
 
 // The depth by which splats are sorted, rounded once: z for a parallel lens, the distance for others.
 float far_of(vec3 mean) {
-    return push.is_parallel == 1 ? depth_of(mean, VIEW) : distance_of(mean, VIEW);
+    return IS_PARALLEL ? depth_of(mean, VIEW) : distance_of(mean, VIEW);
 }
 
 // The world units that rays measure as 1.
 float unit_of(vec3 p) {
-    return push.is_parallel == 1 ? 1.0 : length(p);
+    return IS_PARALLEL ? 1.0 : length(p);
 }
 
 vec3 centre_of(vec3 p) {
-    return push.is_parallel == 1 ? vec3(p.xy, 1.0) : p / length(p);
+    return IS_PARALLEL ? vec3(p.xy, 1.0) : p / length(p);
 }
 
 // The distance from `centre` within which all rays end that pass a sphere around the mean. `radius`: in units of
 // `unit_of`.
 float chord_of(float radius) {
-    if (push.is_parallel == 1) return radius;
+    if (IS_PARALLEL) return radius;
     // 2 sin(angle / 2), where sin(angle) is the radius.
     return radius < 1.0 ? radius / sqrt(0.5 + 0.5 * sqrt(1.0 - radius * radius)) : EVERYWHERE;
 }

@@ -18,14 +18,11 @@ struct Ellipse {
 const Ellipse EMPTY_ELLIPSE = Ellipse(vec2(0.0), vec2(-1.0), 0.0, 0.0, 0.0, 0.0, 0.0);
 
 // `covariance`: (a, b, c, determinant) in units of `unit_px`.
-Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float unit_px, float opacity) {
-    if (!(opacity >= ALPHA_MIN)) return EMPTY_ELLIPSE;
+Ellipse ellipse_at(vec2 mean_px, vec4 covariance, float unit_px, float level) {
     float a = covariance.x, b = covariance.y, c = covariance.z;
     Ellipse e;
     e.mean_px = mean_px;
-    // 1e-4 above the true level: f32 weights of the blend may reach ALPHA_MIN by rounding, and no tile may miss that.
-    e.level = 2.0 * log(opacity / ALPHA_MIN) + 1e-4;
-    if (EXTENT == EXTENT_THREE_SIGMA) e.level = min(e.level, 9.0 + 1e-4);
+    e.level = level;
     e.extent = unit_px * sqrt(e.level * vec2(a, c));
     e.slope = b / c;
     e.width_scale = unit_px * unit_px * (covariance.w / c);
@@ -38,6 +35,15 @@ Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float unit_px, float opacity) 
         e.extent = vec2(ceil(3.0 * unit_px * sqrt(longest)));
     }
     return e;
+}
+
+// The ellipse on which a splat of this opacity has the alpha ALPHA_MIN.
+Ellipse ellipse_of(vec2 mean_px, vec4 covariance, float unit_px, float opacity) {
+    if (!(opacity >= ALPHA_MIN)) return EMPTY_ELLIPSE;
+    // 1e-4 above the true level: f32 weights of the blend may reach ALPHA_MIN by rounding, and no tile may miss that.
+    float level = 2.0 * log(opacity / ALPHA_MIN) + 1e-4;
+    if (EXTENT == EXTENT_THREE_SIGMA) level = min(level, 9.0 + 1e-4);
+    return ellipse_at(mean_px, covariance, unit_px, level);
 }
 
 Ellipse broadcast_ellipse(Ellipse e, uint from) {

@@ -3,6 +3,8 @@
 // OPACITIES_OF(gaussian), if it is defined, gives the two opacities of a node (several Gaussians), and
 // faded_opacity(gaussian, opacity) the opacity of its drawn fraction.
 
+#include "shared/direction.glsl"
+
 layout(constant_id = 4) const bool ANTIALIASED = false;  // opacities compensate for the low-pass
 
 const float COMPENSATION_MIN = 0.005;  // lower limit of the factor of an opacity (gsplat)
@@ -17,12 +19,6 @@ vec4 covariance_of(vec3 v0, vec3 v1, float low_pass, out float sharp_part) {
     float determinant = sharp + low_pass * (abc.x + abc.z) + low_pass * low_pass;
     sharp_part = sharp / determinant;
     return vec4(abc.x + low_pass, abc.y, abc.z + low_pass, determinant);
-}
-
-// The unit vector along `p`. The square of its length may overflow, so `p` is scaled first.
-vec3 direction(vec3 p) {
-    vec3 size = abs(p);
-    return normalize(p / max(size.x, max(size.y, size.z)));
 }
 
 // Projects one Gaussian to a splat without its colour, and to its ellipse. `p` is its mean relative to the camera, in

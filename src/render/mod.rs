@@ -48,6 +48,7 @@ mod arrays;
 mod capacity;
 mod constants;
 mod fast;
+mod fast_rays;
 mod frame;
 mod frame_queue;
 mod inspect;

@@ -17,6 +17,8 @@ pub enum Path {
     Fast,
     /// Draws cameras with lenses, along the ray of every pixel. Splats are listed in tiles.
     Rays,
+    /// Draws cameras with lenses likewise. Needs subgroups of one known size. Splats are listed in bins.
+    FastRays,
 }
 
 impl fmt::Display for Path {
@@ -25,6 +27,7 @@ impl fmt::Display for Path {
             Self::Portable => "portable",
             Self::Fast => "fast",
             Self::Rays => "rays",
+            Self::FastRays => "fast-rays",
         })
     }
 }

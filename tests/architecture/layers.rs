@@ -41,7 +41,7 @@ const EDGES: [(&str, &str); 23] = [
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
-const RENDER_ROOMS: [(&str, &str); 24] = [
+const RENDER_ROOMS: [(&str, &str); 25] = [
     ("shaders", ""),
     ("readback", ""),
     ("pack", "shaders"),
@@ -55,6 +55,7 @@ const RENDER_ROOMS: [(&str, &str); 24] = [
     ("portable", "shaders capacity scene frame constants"),
     ("rays", "shaders scene frame constants portable"),
     ("fast", "shaders capacity scene frame constants portable"),
+    ("fast_rays", "shaders scene frame rays fast"),
     ("inspect", "shaders scene frame constants portable"),
     ("prune", "shaders readback capacity scene frame constants portable"),
     ("pages", "shaders scene frame fast inspect"),
@@ -62,7 +63,8 @@ const RENDER_ROOMS: [(&str, &str); 24] = [
     ("streaming", "shaders scene lod"),
     ("slabs", "shaders capacity scene frame portable fast inspect pages lod"),
     ("recorded", "shaders path lod streaming slabs"),
-    ("path_choice", "shaders capacity path scene frame portable rays fast inspect lod streaming slabs recorded"),
+    ("path_choice", "shaders capacity path scene frame portable rays fast fast_rays inspect lod streaming slabs \
+         recorded"),
     ("self_test", "shaders readback capacity path scene frame fast path_choice"),
     (
         "renderer",

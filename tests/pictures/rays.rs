@@ -25,8 +25,14 @@ fn renderer(gpu: &Gpu, scene: &smalto::scene::Gaussians, options: &Options) -> R
 }
 
 fn draw(still: &mut Renderer, camera: &Camera) -> Pixels {
-    assert_eq!(still.render(camera, WHITE).unwrap().path, Path::Rays);
+    let path = still.render(camera, WHITE).unwrap().path;
+    assert!(matches!(path, Path::Rays | Path::FastRays), "{path}");
     still.pixels().unwrap()
+}
+
+/// [`Options::EXACT`] on the fast path, where the device has it, and on the portable path.
+fn exact_on_both() -> [Options; 2] {
+    [Options::EXACT, Options { portable: true, ..Options::EXACT }]
 }
 
 /// Every pixel agrees but for its doubt, and those that rounding decides otherwise, one in 1000 at most, aside, the
@@ -52,8 +58,10 @@ fn pictures_of_every_lens_match_the_reference() {
         for (i, (name, camera)) in all(size).into_iter().enumerate() {
             let scene = around(&mut Random(10 + i as u64), &camera, 600);
             let exact = reference::render(&scene, &camera, &Rules::TRAINED, WHITE);
-            let pixels = draw(&mut renderer(&gpu, &scene, &Options::EXACT), &camera);
-            assert_agrees(&format!("{name} {size:?}"), pixels, &exact);
+            for options in exact_on_both() {
+                let pixels = draw(&mut renderer(&gpu, &scene, &options), &camera);
+                assert_agrees(&format!("{name} {size:?} portable {}", options.portable), pixels, &exact);
+            }
         }
     }
 }
@@ -70,7 +78,7 @@ fn a_renderer_changes_its_lens_from_frame_to_frame() {
         assert!(draw(&mut one, camera) == own, "{camera:?}");
     }
     let pinhole = Camera { lens: None, ..cameras[0].clone() };
-    assert_ne!(one.render(&pinhole, WHITE).unwrap().path, Path::Rays);
+    assert!(matches!(one.render(&pinhole, WHITE).unwrap().path, Path::Fast | Path::Portable));
 }
 
 #[test]

@@ -301,7 +301,7 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
     let (visible, listed, files) = (totals.visible, totals.listed_kept, names(outputs));
     let unit = match frame.path {
         Path::Portable | Path::Rays => "instances",
-        Path::Fast => "entries",
+        Path::Fast | Path::FastRays => "entries",
     };
     let parts = frame.parts.filter(|p| p.slabs > 1 || p.pages_in_view > 0);
     // What lies behind finished slabs is not counted.

@@ -220,13 +220,18 @@ impl FastPipeline {
 
     /// Records the stages from lists to sorted lists with masks.
     pub(in crate::render) fn sort_lists(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
+        self.order_lists(cmd, work, grid);
+        between_stages(cmd);
+        cmd.scope("masks", |cmd| self.masks(cmd, work, grid));
+    }
+
+    /// Records the stages from lists to sorted lists.
+    pub(in crate::render) fn order_lists(&self, cmd: &mut Commands, work: &FastWorkspace, grid: BinGrid) {
         cmd.scope("offsets", |cmd| self.offsets(cmd, work, grid));
         between_stages(cmd);
         cmd.scope("sort", |cmd| self.sort(cmd, work, grid));
         between_stages(cmd);
         cmd.scope("merge", |cmd| self.merge(cmd, work));
-        between_stages(cmd);
-        cmd.scope("masks", |cmd| self.masks(cmd, work, grid));
     }
 
     /// The fewest bytes that each stage moves through device memory: each input read once, each output written once.

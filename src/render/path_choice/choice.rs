@@ -5,6 +5,7 @@ use std::time::Duration;
 use anyhow::Result;
 
 use super::fast_engine::FastEngine;
+use super::fast_rays_engine::FastRaysEngine;
 use super::portable_engine::PortableEngine;
 use super::rays_engine::RaysEngine;
 use crate::gpu::{Buffer, Commands, Device, Results};
@@ -23,8 +24,8 @@ use crate::render::slabs::SlabbedFrame;
 use crate::render::streaming::PageStreamer;
 use crate::threads::{self, joined};
 
-/// The engines of the paths and the choice between them: the rays path draws cameras with lenses, the fast path what
-/// the device and the options allow it to draw, the portable path everything else.
+/// The engines of the paths and the choice between them: the two paths along rays draw cameras with lenses; the fast
+/// path, with or without rays, draws what the device and the options allow it to draw.
 pub(crate) struct PathChoice {
     /// The options of the stages, with the LOD limits of the next frame.
     pub options: Options,
@@ -32,6 +33,8 @@ pub(crate) struct PathChoice {
     fast: Option<FastEngine>,
     /// Made for the first camera with a lens.
     rays: Option<RaysEngine>,
+    /// The same, beside a fast path.
+    fast_rays: Option<FastRaysEngine>,
     variation: Variation,
     /// Selects the pages of a scene in pages.
     selector: Option<LodSelector>,
@@ -71,6 +74,7 @@ impl PathChoice {
             portable,
             fast,
             rays: None,
+            fast_rays: None,
             variation,
             selector: scene.paged().map(|paged| LodSelector::new(device, scene, paged)).transpose()?,
             streamer: None,
@@ -140,8 +144,10 @@ impl PathChoice {
         }
     }
 
-    /// Replaces the buffers of the preferred path, and of the rays path if there is one, by ones of this capacity.
+    /// Replaces the buffers of the preferred path, and of the paths along rays if there are any, by ones of this
+    /// capacity.
     pub fn set_capacity(&mut self, device: &Device, capacity: Capacity) -> Result<()> {
+        self.fast_rays.as_mut().map_or(Ok(()), |rays| rays.set_capacity(device, capacity))?;
         self.rays.as_mut().map_or(Ok(()), |rays| rays.set_capacity(device, capacity))?;
         match &mut self.fast {
             Some(fast) => fast.set_capacity(device, capacity),
@@ -151,7 +157,7 @@ impl PathChoice {
 
     /// Frees the buffers of both paths.
     pub fn release(&mut self, device: &Device) -> Result<()> {
-        self.rays = None;
+        (self.rays, self.fast_rays) = (None, None);
         self.portable.release(device)?;
         self.fast.as_mut().map_or(Ok(()), |fast| fast.release(device))
     }
@@ -160,24 +166,27 @@ impl PathChoice {
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let fast = self.fast.iter().flat_map(|fast| fast.work.buffers());
         let rays = self.rays.iter().flat_map(RaysEngine::buffers);
+        let rays = rays.chain(self.fast_rays.iter().flat_map(FastRaysEngine::buffers));
         let selector = self.selector.iter().flat_map(LodSelector::buffers);
         self.portable.work.buffers().into_iter().chain(fast).chain(rays).chain(selector).collect()
     }
 
     /// The counts of a frame on `path`.
     pub fn totals(&self, path: Path) -> &Buffer<Totals> {
-        match (path, &self.fast, &self.rays) {
-            (Path::Fast, Some(fast), _) => &fast.work.totals,
-            (Path::Rays, _, Some(rays)) => &rays.work.totals,
+        match (path, &self.fast, &self.rays, &self.fast_rays) {
+            (Path::Fast, Some(fast), ..) => &fast.work.totals,
+            (Path::Rays, _, Some(rays), _) => &rays.work.totals,
+            (Path::FastRays, .., Some(rays)) => &rays.work.totals,
             _ => &self.portable.work.totals,
         }
     }
 
     /// The fewest bytes that every stage of a frame on `path` moves.
     pub fn least_bytes(&self, path: Path, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
-        let mut stages = match (path, &self.fast, &self.rays) {
-            (Path::Fast, Some(fast), _) => fast.pipeline.least_bytes(shot, totals),
-            (Path::Rays, _, Some(rays)) => rays.least_bytes(shot, totals, self.portable.pipeline()),
+        let mut stages = match (path, &self.fast, &self.rays, &self.fast_rays) {
+            (Path::Fast, Some(fast), ..) => fast.pipeline.least_bytes(shot, totals),
+            (Path::FastRays, Some(fast), _, Some(rays)) => rays.least_bytes(shot, totals, &fast.pipeline),
+            (Path::Rays, _, Some(rays), _) => rays.least_bytes(shot, totals, self.portable.pipeline()),
             _ => self.portable.pipeline().least_bytes(shot, totals),
         };
         // Frames in slabs: begin writes the states of pixels, finish reads them and writes the picture.
@@ -214,15 +223,10 @@ impl PathChoice {
         needs_tile_lists: bool,
         attribute: Option<Attribute>,
     ) -> Result<Limits> {
-        let Self { fast, portable, rays, options, selector, streamer, .. } = self;
         if shot.camera.lens.is_some() {
-            portable.make(device, options)?;
-            let rays = match rays {
-                Some(rays) => rays,
-                none => none.insert(RaysEngine::new(device, shot, options, self.variation)?),
-            };
-            return rays.prepare(device, shot, portable.pipeline());
+            return self.prepare_rays(device, shot);
         }
+        let Self { fast, portable, options, selector, streamer, .. } = self;
         let gaussians = shot.scene.drawn_len(options);
         let can_draw =
             |fast: &&mut FastEngine| !needs_tile_lists && fast.pipeline.takes(shot.camera.size_px, gaussians);
@@ -235,6 +239,27 @@ impl PathChoice {
             streamer.advance(device, selector, shot.camera)?;
         }
         Ok(limits)
+    }
+
+    /// Likewise for a camera with a lens.
+    fn prepare_rays(&mut self, device: &Device, shot: Shot) -> Result<Limits> {
+        let Self { fast, portable, rays, fast_rays, options, variation, .. } = self;
+        let can_draw = |fast: &&FastEngine| fast.pipeline.takes(shot.camera.size_px, shot.scene.len());
+        if let Some(fast) = fast.as_ref().filter(can_draw) {
+            let rays = match fast_rays {
+                Some(rays) => rays,
+                none => none.insert(FastRaysEngine::new(device, shot, options, &fast.pipeline)?),
+            };
+            if let Some(limits) = rays.prepare(device, shot, &fast.pipeline)? {
+                return Ok(limits);
+            }
+        }
+        portable.make(device, options)?;
+        let rays = match rays {
+            Some(rays) => rays,
+            none => none.insert(RaysEngine::new(device, shot, options, *variation)?),
+        };
+        rays.prepare(device, shot, portable.pipeline())
     }
 
     /// Records a frame that [`prepare`](Self::prepare) made buffers for. For a scene in pages, returns the counts of
@@ -252,6 +277,10 @@ impl PathChoice {
     ) -> Result<Option<PagedCounts>> {
         if let Some(rays) = self.rays.as_ref().filter(|_| limits.path == Path::Rays) {
             rays.record(cmd, shot, target, &self.portable);
+            return Ok(None);
+        }
+        if let (Some(fast), Some(rays), Path::FastRays) = (&self.fast, &self.fast_rays, limits.path) {
+            rays.record(cmd, shot, target, &fast.pipeline);
             return Ok(None);
         }
         let Some(fast) = self.fast.as_ref().filter(|_| limits.path == Path::Fast) else {
@@ -307,9 +336,13 @@ impl PathChoice {
                 let Self { rays, portable, .. } = self;
                 rays.as_mut().map_or(Ok(()), |rays| rays.grow(device, demand, totals, portable.pipeline()))?;
             }
+            (Some(fast), Path::FastRays) => {
+                let rays = &mut self.fast_rays;
+                rays.as_mut().map_or(Ok(()), |rays| rays.grow(device, demand, totals, &fast.pipeline))?;
+            }
             (Some(fast), Path::Fast) => fast.grow(device, demand, totals)?,
             // The fast path was dropped after this frame was recorded.
-            (None, Path::Fast) => {}
+            (None, Path::Fast | Path::FastRays) => {}
             (_, Path::Portable) => self.portable.grow(device, demand, totals)?,
         }
         Ok(demand.fits(limits.capacity) && totals.longest_list <= limits.longest_list)

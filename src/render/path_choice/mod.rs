@@ -5,11 +5,13 @@
 //!
 //! - `choice` - [`PathChoice`]: prepare, record or draw slabs, judge; LOD selector and page streamer
 //! - `fast_engine` - the fast path: pipeline, buffers, frames from pages, slabs
+//! - `fast_rays_engine` - the fast path along rays: pipeline, buffers, tables of a lens
 //! - `rays_engine` - the rays path: pipeline, buffers, tables of a lens
 //! - `portable_engine` - the portable path: pipeline, buffers, slabs
 
 mod choice;
 mod fast_engine;
+mod fast_rays_engine;
 mod portable_engine;
 mod rays_engine;
 

@@ -49,7 +49,7 @@ impl RaysEngine {
         Shot { scene, camera }: Shot,
         portable: &PortablePipeline,
     ) -> Result<Limits> {
-        if !self.tables.as_ref().is_some_and(|tables| tables.suit(camera)) {
+        if !self.tables.as_ref().is_some_and(|tables| tables.lens.suit(camera)) {
             self.tables = None; // frees the old tables before new ones are made
             self.tables = Some(RayTables::new(device, camera)?);
         }

@@ -5,6 +5,7 @@ use std::mem::offset_of;
 use anyhow::Result;
 
 use super::tables::RayTables;
+use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
@@ -35,17 +36,16 @@ pub struct RaysFrame<'f> {
     pub splats: &'f Buffer<RaySplat>,
 }
 
-impl RaysFrame<'_> {
-    fn is_parallel(&self) -> bool {
-        self.shot.camera.lens.as_ref().is_some_and(|lens| lens.is_parallel())
-    }
+/// True if the rays of a camera are parallel.
+pub fn is_parallel(camera: &Camera) -> bool {
+    camera.lens.as_ref().is_some_and(|lens| lens.is_parallel())
+}
 
-    /// Keys of z for a parallel lens, of distances for others.
-    fn depth_keys(&self, options: &Options) -> DepthKeys {
-        let order = if self.is_parallel() { Order::Depth } else { Order::Distance };
-        let options = Options { rules: Rules { order, ..options.rules }, ..*options };
-        DepthKeys::of(self.shot.camera, &options, &self.shot.scene.extent)
-    }
+/// Keys of z for a parallel lens, of distances for others.
+pub fn depth_keys(Shot { scene, camera }: Shot, options: &Options) -> DepthKeys {
+    let order = if is_parallel(camera) { Order::Depth } else { Order::Distance };
+    let options = Options { rules: Rules { order, ..options.rules }, ..*options };
+    DepthKeys::of(camera, &options, &scene.extent)
 }
 
 impl RaysPipeline {
@@ -95,7 +95,7 @@ impl RaysPipeline {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, portable, frame));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let bits = frame.depth_keys(&self.options).bits;
+        let bits = depth_keys(frame.shot, &self.options).bits;
         let by_depth = cmd.scope("sort depths", |cmd| portable.sort_depths(cmd, work, bits));
         let splat_from_rank = &work.depths.values[by_depth];
         cmd.scope("scan", |cmd| portable.scan(cmd, work, splat_from_rank));
@@ -144,8 +144,8 @@ impl RaysPipeline {
         let push = CullPush {
             view: portable.view(shot.camera),
             gaussians: shot.scene.len() as u32,
-            is_parallel: frame.is_parallel().into(),
-            widest: tables.widest,
+            is_parallel: is_parallel(shot.camera).into(),
+            widest: tables.lens.widest,
             cones: tables.cones.len() as u32,
         };
         cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(chunks(shot.scene).into()));
@@ -164,17 +164,17 @@ impl RaysPipeline {
             depth_keys: &work.depths.keys[0],
             tile_counts: &work.tile_counts,
             cones: &tables.cones,
-            footprints: &tables.footprints,
+            footprints: &tables.lens.footprints,
             totals: &work.totals,
         };
-        let keys = frame.depth_keys(&self.options);
+        let keys = depth_keys(shot, &self.options);
         let push = ProjectPush {
             view: portable.view(shot.camera),
-            is_parallel: frame.is_parallel().into(),
+            is_parallel: is_parallel(shot.camera).into(),
             cones: tables.cones.len() as u32,
             depth_limit: keys.limit(),
             depth_shift: keys.shift,
-            half_sine: tables.half_sine,
+            half_sine: tables.lens.half_sine,
             large: tables.large,
         };
         let groups = offset_of!(PortableDispatches, over_visible);
@@ -220,7 +220,7 @@ impl RaysPipeline {
                 totals: &work.totals,
                 tiles_by_class: &work.tiles_by_class,
                 image,
-                rays: &tables.rays,
+                rays: &tables.lens.rays,
             };
             let push = BlendPush {
                 size_px: image.size(),

@@ -7,27 +7,62 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::camera::{Camera, Footprints};
-use crate::gpu::{Buffer, Commands, Device};
+use crate::gpu::{Buffer, Commands, Device, Element};
 use crate::render::shaders::Cone;
 use crate::render::shaders::rays::{EVERYWHERE, FOOTPRINTS, NO_TILE};
 use crate::rules::TILE;
 
-/// The tables of one lens and size of picture, on the device.
-pub struct RayTables {
+/// The rays of all pixels and the footprints of directions of one lens and size of picture, on the device.
+pub struct LensTables {
     /// The camera that they were made for; only lens, focal lengths, principal point and size matter.
     camera: Camera,
     /// The ray of each pixel in view axes, 0 where there is none.
     pub rays: Buffer<[f32; 3]>,
-    /// The tree of cones.
-    pub cones: Buffer<Cone>,
-    /// The chord beyond which a subgroup shares a splat: some tiles.
-    pub large: f32,
     /// Footprints by angle and azimuth: variance away from the axis, covariance, variance around it.
     pub footprints: Buffer<[f32; 3]>,
     /// The sine of half the angle of the last row of footprints.
     pub half_sine: f32,
     /// Of all footprints: the root of the sum of their variances.
     pub widest: f32,
+}
+
+impl LensTables {
+    /// Makes the tables of a camera with a lens from the [`rays`] of its pixels.
+    ///
+    /// # Errors
+    /// If memory runs out, or the camera is a pinhole.
+    pub fn new(device: &Device, camera: &Camera, rays: &[[f32; 3]]) -> Result<Self> {
+        let of = Footprints::of(camera).context("a pinhole needs no rays")?;
+        let footprints = footprints(&of);
+        let widest = footprints.iter().map(|[along, _, across]| along + across).fold(0.0, f32::max).sqrt();
+        Ok(Self {
+            camera: camera.clone(),
+            rays: uploaded(device, "rays of pixels", rays)?,
+            footprints: uploaded(device, "footprints", &footprints)?,
+            half_sine: half_sine(of.limit()) as f32,
+            widest,
+        })
+    }
+
+    /// True if the tables suit a camera, wherever it stands.
+    pub fn suit(&self, camera: &Camera) -> bool {
+        let Camera { focal_px, centre_px, size_px, lens, .. } = &self.camera;
+        (focal_px, centre_px, size_px, lens) == (&camera.focal_px, &camera.centre_px, &camera.size_px, &camera.lens)
+    }
+
+    /// The name and the bytes of every buffer.
+    pub fn buffers(&self) -> [(&str, u64); 2] {
+        [self.rays.footprint(), self.footprints.footprint()]
+    }
+}
+
+/// The tables of the rays path for one lens and size of picture, on the device.
+pub struct RayTables {
+    pub lens: LensTables,
+    /// The tree of cones.
+    pub cones: Buffer<Cone>,
+    /// The chord beyond which a subgroup shares a splat: some tiles.
+    pub large: f32,
 }
 
 impl RayTables {
@@ -38,40 +73,33 @@ impl RayTables {
     pub fn new(device: &Device, camera: &Camera) -> Result<Self> {
         let rays = rays(camera);
         let cones = cones(&rays, camera.size_px);
-        let of = Footprints::of(camera).context("a pinhole needs no rays")?;
-        let footprints = footprints(&of);
-        let widest = footprints.iter().map(|[along, _, across]| along + across).fold(0.0, f32::max).sqrt();
-        let tables = Self {
-            camera: camera.clone(),
-            rays: Buffer::new(device, "rays of pixels", rays.len())?,
-            cones: Buffer::new(device, "cones of tiles", cones.len())?,
+        Ok(Self {
+            lens: LensTables::new(device, camera, &rays)?,
+            cones: uploaded(device, "cones of tiles", &cones)?,
             large: LARGE_TILES * mean_spread(&cones),
-            footprints: Buffer::new(device, "footprints", footprints.len())?,
-            half_sine: half_sine(of.limit()) as f32,
-            widest,
-        };
-        let mut cmd = Commands::new(device)?;
-        cmd.upload(&tables.rays, 0, rays.len(), |memory| memory.copy_from_slice(&rays))?;
-        cmd.upload(&tables.cones, 0, cones.len(), |memory| memory.copy_from_slice(&cones))?;
-        cmd.upload(&tables.footprints, 0, footprints.len(), |memory| memory.copy_from_slice(&footprints))?;
-        cmd.submit()?.wait()?;
-        Ok(tables)
-    }
-
-    /// True if the tables suit a camera, wherever it stands.
-    pub fn suit(&self, camera: &Camera) -> bool {
-        let Camera { focal_px, centre_px, size_px, lens, .. } = &self.camera;
-        (focal_px, centre_px, size_px, lens) == (&camera.focal_px, &camera.centre_px, &camera.size_px, &camera.lens)
+        })
     }
 
     /// The name and the bytes of every buffer.
-    pub fn buffers(&self) -> [(&str, u64); 3] {
-        [self.rays.footprint(), self.cones.footprint(), self.footprints.footprint()]
+    pub fn buffers(&self) -> impl Iterator<Item = (&str, u64)> {
+        self.lens.buffers().into_iter().chain([self.cones.footprint()])
     }
 }
 
-/// The rays of all pixels, row by row.
-fn rays(camera: &Camera) -> Vec<[f32; 3]> {
+/// A buffer that holds `values`.
+///
+/// # Errors
+/// If memory runs out.
+pub(in crate::render) fn uploaded<T: Element>(device: &Device, name: &str, values: &[T]) -> Result<Buffer<T>> {
+    let buffer = Buffer::new(device, name, values.len())?;
+    let mut cmd = Commands::new(device)?;
+    cmd.upload(&buffer, 0, values.len(), |memory| memory.copy_from_slice(values))?;
+    cmd.submit()?.wait()?;
+    Ok(buffer)
+}
+
+/// The rays of all pixels in view axes, row by row; 0 where there is none.
+pub(in crate::render) fn rays(camera: &Camera) -> Vec<[f32; 3]> {
     let [width, height] = camera.size_px.map(|side| side as usize);
     let ray = |index: usize| {
         let centre = DVec2::new((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);

@@ -44,7 +44,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         // The portable path lists splats by tile, the fast path by bin.
         let listed = match first.path {
             Path::Portable | Path::Rays => "instances",
-            Path::Fast => "entries",
+            Path::Fast | Path::FastRays => "entries",
         };
         ui.label(format!(
             "{} Gaussians, {} visible\n{} {listed}, longest list {}\ndrawn on the {} path",
