@@ -43,9 +43,11 @@ void place_pixels(uvec2 corner, uvec2 lane_place) {
     for (uint k = 0; k < PIXELS; k++) y[k] = float(lane_place.y + k * ROWS) + 0.5 - 0.5 * float(BLOCK.y);
 }
 
-// Stages the polynomial of this lane's splat around `middle` for all lanes. A lane without a splat stages one that is
+const uint FORMS = 1;
+
+// Stages the polynomial of this lane's splat around `middle` for all lanes; returns the form of all splats. A lane without a splat stages one that is
 // never drawn, and so does one whose polynomial would be infinite or NaN.
-void stage(Record record, bool exists) {
+uint stage(Record record, bool exists) {
     vec2 d = middle - record.a.xy;
     vec3 factor = vec3(record.a.zw, record.b.x);
     uint place = lane();
@@ -65,6 +67,7 @@ void stage(Record record, bool exists) {
     staged_a[place] = draws ? a : vec4(-1e30, vec3(0.0));
     staged_b[place] = draws ? b : vec4(0.0);
     staged_blue[place] = record.blue;
+    return 0;
 }
 
 // A staged splat at the column of this lane.
@@ -76,14 +79,14 @@ struct Curve {
     vec3 colour;
 };
 
-Curve staged_curve(uint place) {
+Curve staged_curve(uint place, uint form) {
     vec4 a = staged_a[place], b = staged_b[place];
     float on_axis = COMPACT ? fma(x, fma(a.w, x, a.y), a.x) : fma(a.w, x, a.y);
     return Curve(a, b, on_axis, fma(b.x, x, a.z), vec3(b.zw, staged_blue[place]));
 }
 
 // log2(alpha / ALPHA_MIN), less LOWERED, at the `k`-th pixel of this lane.
-float exponent_at(Curve curve, uint k) {
+float exponent_at(Curve curve, uint k, uint form) {
     if (COMPACT) return fma(y[k], fma(curve.b.y, y[k], curve.slope), curve.on_axis);
     float u = fma(curve.b.x, y[k], curve.on_axis), v = fma(curve.b.y, y[k], curve.a.z);
     return fma(-u, u, fma(-v, v, curve.a.x));
