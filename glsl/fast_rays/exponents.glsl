@@ -9,7 +9,7 @@
 // of second degree around the place of the block that is nearest to the mean; c.w is negative.
 // The others, and without COMPACT all, are quotients: s = (a.y + x a.z + y a.w, b.x + y b.y), w = c.x + x c.y + y c.z,
 // square = dot(s, s), and exponent = a.x - square / (w^2 + c.w square), where w > 0.
-const uint ANY = 0, POLYNOMIALS = 1;  // forms of the staged splats of a subgroup
+const uint ANY = 0, POLYNOMIALS = 1;  // forms of AT_ONCE staged splats
 const uint FORMS = COMPACT ? 2 : 1;
 shared vec4 staged_a[WORKGROUP];
 shared vec4 staged_b[WORKGROUP];  // zw: red and green
@@ -69,11 +69,11 @@ void place_pixels(uvec2 corner, uvec2 lane_place) {
 }
 
 // The largest error of an exponent for which splats are staged as polynomials.
-const float POLYNOMIAL_ERROR = 0.05;
+const float POLYNOMIAL_ERROR = 0.1;
 
-// Stages this lane's splat for all lanes; returns the form of all splats. A lane without a splat stages one that is never
+// Stages this lane's splat for all lanes; returns a ballot of those that are no polynomials. A lane without a splat stages one that is never
 // drawn, and so does one whose numbers would be infinite or NaN.
-uint stage(Record record, bool exists) {
+uvec4 stage(Record record, bool exists) {
     RayRecord shape = record.shape;
     RayAxes axes = axes_of(shape, push.is_parallel == 1);
     vec3 e = middle - shape.centre;
@@ -83,6 +83,7 @@ uint stage(Record record, bool exists) {
     vec2 w_by = vec2(dot(axes.q, plane.e1), dot(axes.q, plane.e2));
     uint place = lane();
     staged_blue[place] = record.colour.b;
+    uvec4 quotients = uvec4(0);
     if (COMPACT) {
         // The place of the block that is nearest to the mean.
         float mean_along = dot(plane.normal, shape.centre);
@@ -106,7 +107,7 @@ uint stage(Record record, bool exists) {
         float error = w_change * (2.0 * change + w_change * (6.0 * mixed + 4.0 * near * w_change))
             + kappa * change * (4.0 * mixed + change);
         bool suits = w_from > 0.0 && w_change < 0.5 && error < POLYNOMIAL_ERROR || !exists;
-        bool all_suit = subgroupAll(suits);
+        quotients = subgroupBallot(!suits);
         if (suits) {
             vec2 turned = vec2(dot(fall_twice.xy, from), dot(fall_twice.yz, from));
             float at_middle = shape.limit - rest * square + dot(fall_by, from) - 0.5 * dot(turned, from) - LOWERED;
@@ -114,7 +115,7 @@ uint stage(Record record, bool exists) {
             staged_a[place] = draws ? vec4(at_middle, turned - fall_by, -0.5 * fall_twice.x) : vec4(-1e30, vec3(0.0));
             staged_b[place] = draws ? vec4(-fall_twice.y, -0.5 * fall_twice.z, record.colour.rg) : vec4(0.0);
             staged_c[place] = vec4(-1.0);
-            return all_suit ? POLYNOMIALS : ANY;
+            return quotients;
         }
     }
     // s is turned so that only its first component depends on x.
@@ -128,7 +129,12 @@ uint stage(Record record, bool exists) {
         staged_a[place] = vec4(0.0);
         staged_b[place] = vec4(0.0);
     }
-    return ANY;
+    return quotients;
+}
+
+// True if some of the AT_ONCE splats from `first` on is no polynomial.
+bool has_quotient(uvec4 quotients, uint first) {
+    return (quotients[first / 32] >> first % 32 & (1 << AT_ONCE) - 1) != 0;
 }
 
 struct Curve {

@@ -17,10 +17,11 @@ const uint HEAD = 2;
 const uint BIN_RAYS = 3;
 
 // Directions lie in cells on the faces of a cube around the camera. A cell has two elements: the place on the picture of
-// its middle, px, and the derivatives of the place by the two coordinates of the face; then the bend. Within an angle
-// of REACH, a place differs from the linear one by at most bend * (angle + CELL)^2 px; where the lens has no such bound,
-// the bend is infinite, and where all of these directions are outside the lens, it is negative.
+// its middle, px, and the derivatives of the place by the two coordinates of the face; then the bends of directions that
+// are near and far. Within an angle of NEAR_REACH or FAR_REACH, a place differs from the linear one by at most
+// bend * (angle + CELL)^2 px; where the lens has no such bound, the bend is infinite, and where all of these directions
+// are outside the lens, it is negative.
 const uint CELL_ELEMENTS = 2;
-const uint CELLS = 64;        // along an edge of the cube
-const float CELL = 0.0222;    // the largest angle between the middle of a cell and a direction in it
-const float REACH = 0.125;    // rad
+const uint CELLS = 256;       // along an edge of the cube
+const float CELL = 0.0056;    // the largest angle between the middle of a cell and a direction in it
+const float NEAR_REACH = 0.1, FAR_REACH = 0.3;  // rad

@@ -12,7 +12,7 @@ float falloff_limit(float opacity) {
 #include "rays/view.glsl"
 #include "rays/form.glsl"
 
-const float FURTHEST_BEND = 32.0;  // px: splats that a lens bends more are listed by the rays of bins
+const float FURTHEST_BEND = 64.0;  // px: splats that a lens bends more are listed by the rays of bins
 // Its rows and columns are all those of the picture.
 const Ellipse ALL_BINS = Ellipse(vec2(0.0), vec2(1e9), 0.0, 1e18, 1e-18, 1.0, 0.0);
 
@@ -22,13 +22,13 @@ struct Place {
     vec2 px;
     vec3 grad_x;
     vec3 grad_y;
-    float bend;
+    vec2 bends;  // near, far
 };
 
 Place place_of(vec3 centre) {
     if (IS_PARALLEL) {
         vec2 px = VIEW.focal_px * centre.xy + VIEW.centre_px;
-        return Place(px, vec3(VIEW.focal_px.x, 0.0, 0.0), vec3(0.0, VIEW.focal_px.y, 0.0), 0.0);
+        return Place(px, vec3(VIEW.focal_px.x, 0.0, 0.0), vec3(0.0, VIEW.focal_px.y, 0.0), vec2(0.0));
     }
     vec3 size = abs(centre);
     uint axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
@@ -49,14 +49,15 @@ Place place_of(vec3 centre) {
     place.px = first.xy + first.zw * offset.x + second.xy * offset.y;
     place.grad_x = axis == 0 ? grad_x : axis == 1 ? grad_x.zxy : grad_x.yzx;
     place.grad_y = axis == 0 ? grad_y : axis == 1 ? grad_y.zxy : grad_y.yzx;
-    place.bend = second.z;
+    place.bends = second.zw;
     return place;
 }
 
-// px, by how much places within `chord` of a direction may differ from linear ones.
+// px, by how much places within `chord` of a direction may differ from linear ones: infinite where there is no bound,
+// negative where there is no such place.
 float bend_px(Place place, float chord) {
-    float angle = chord + CELL;
-    return IS_PARALLEL ? 0.0 : place.bend * angle * angle;
+    float angle = chord + CELL, bend = chord > NEAR_REACH ? place.bends.y : place.bends.x;
+    return IS_PARALLEL ? 0.0 : bend * angle * angle;
 }
 
 // The words of `bound` and the test of pixel centres are those of shared/cull_test.glsl.
@@ -70,10 +71,11 @@ bool may_be_visible(uvec4 bound, out float far) {
     float chord = chord_of(1.00001 * reach / unit_of(p) + deviations * sqrt(LOW_PASS) * uintBitsToFloat(lens_table[1].y));
     vec4 all = uintBitsToFloat(lens_table[0]);
     if (distance(centre, all.xyz) > chord + all.w) return false;
-    if (chord > REACH && !IS_PARALLEL) return true;
+    if (chord > FAR_REACH && !IS_PARALLEL) return true;
     Place place = place_of(centre);
-    if (place.bend < 0.0) return false;
-    vec2 extent = chord * vec2(length(place.grad_x), length(place.grad_y)) + bend_px(place, chord);
+    float bent = bend_px(place, chord);
+    if (bent < 0.0) return false;
+    vec2 extent = chord * vec2(length(place.grad_x), length(place.grad_y)) + bent;
     vec2 slack = 1e-5 * (extent + abs(place.px)) + 0.01;
     vec2 from = place.px - extent - slack, to = place.px + extent + slack;
     // NaN and infinity are visible.
@@ -85,10 +87,10 @@ bool may_be_visible(uvec4 bound, out float far) {
 Ellipse ellipse_around(RayForm form, float limit) {
     // A little beyond the true border, as ellipse_of.
     float slope = slope_of(form.kappa, limit + 2e-4);
-    if (!(slope >= 0.0 && slope * form.bent < 0.5 && (IS_PARALLEL || form.chord <= REACH))) return ALL_BINS;
+    if (!(slope >= 0.0 && slope * form.bent < 0.5 && (IS_PARALLEL || form.chord <= FAR_REACH))) return ALL_BINS;
     Place place = place_of(form.centre);
     float slack = bend_px(place, form.chord);
-    if (place.bend < 0.0) return EMPTY_ELLIPSE;
+    if (slack < 0.0) return EMPTY_ELLIPSE;
     if (!(slack <= FURTHEST_BEND)) return ALL_BINS;
     // |s| <= slope w, where w is at most 1 + bent |s|.
     float radius = slope / (1.0 - slope * form.bent), level = radius * radius / (0.5 * LOG2_E);

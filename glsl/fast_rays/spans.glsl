@@ -27,15 +27,15 @@ void write_ray_spans(RayRecord splat, Ellipse ellipse, uvec2 rows, uint offset) 
             uint count = subgroupBroadcast(rows.y, owner), begin = subgroupBroadcast(offset, owner);
             for (uint row = 0; row < count; row++) {
                 uint first = columns, end = 0;
-                for (uint column = gl_SubgroupInvocationID; column < columns; column += gl_SubgroupSize) {
-                    vec4 sphere = uintBitsToFloat(lens_table[HEAD + (row * columns + column) * BIN_RAYS]);
-                    if (meets(sought, reach, sphere.xyz, sphere.w)) {
-                        first = min(first, column);
-                        end = column + 1;
-                    }
+                for (uint left = 0; left < columns; left += gl_SubgroupSize) {
+                    uint column = left + gl_SubgroupInvocationID, bin = row * columns + min(column, columns - 1);
+                    vec4 sphere = uintBitsToFloat(lens_table[HEAD + bin * BIN_RAYS]);
+                    bool is_met = column < columns && meets(sought, reach, sphere.xyz, sphere.w);
+                    uvec4 ballot = subgroupBallot(is_met);
+                    if (ballot == uvec4(0)) continue;
+                    if (first == columns) first = left + subgroupBallotFindLSB(ballot);
+                    end = left + subgroupBallotFindMSB(ballot) + 1;
                 }
-                first = subgroupMin(first);
-                end = subgroupMax(end);
                 if (subgroupElect()) spans[begin + row] = first < end ? first | end << 16 : 0;
             }
         }

@@ -63,8 +63,11 @@ const RENDER_ROOMS: [(&str, &str); 25] = [
     ("streaming", "shaders scene lod"),
     ("slabs", "shaders capacity scene frame portable fast inspect pages lod"),
     ("recorded", "shaders path lod streaming slabs"),
-    ("path_choice", "shaders capacity path scene frame portable rays fast fast_rays inspect lod streaming slabs \
-         recorded"),
+    (
+        "path_choice",
+        "shaders capacity path scene frame portable rays fast fast_rays inspect lod streaming slabs \
+         recorded",
+    ),
     ("self_test", "shaders readback capacity path scene frame fast path_choice"),
     (
         "renderer",

@@ -11,7 +11,7 @@ use crate::gpu::{Buffer, Device};
 use crate::render::fast::BinGrid;
 use crate::render::rays::{LensTables, rays, uploaded};
 use crate::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BLOCK_WIDTH};
-use crate::render::shaders::fast_rays::{BIN_RAYS, CELL, CELL_ELEMENTS, CELLS, HEAD, REACH};
+use crate::render::shaders::fast_rays::{BIN_RAYS, CELL, CELL_ELEMENTS, CELLS, FAR_REACH, HEAD, NEAR_REACH};
 
 /// The tables of one lens, size of picture and form of blocks, on the device.
 pub struct BinTables {
@@ -167,6 +167,8 @@ fn fitted(part: &Part) -> (DVec3, [DVec3; 2]) {
 /// Room for directions between those at which a lens is measured.
 const BETWEEN: f64 = 1.1;
 const AZIMUTHS: u32 = 16;
+/// Cells along the side of a region in which the bend is measured once.
+const REGION: u32 = 4;
 
 type Cell = [[u32; 4]; CELL_ELEMENTS as usize];
 
@@ -174,8 +176,25 @@ type Cell = [[u32; 4]; CELL_ELEMENTS as usize];
 fn cells(camera: &Camera) -> Vec<Cell> {
     let is_parallel = camera.lens.as_ref().is_some_and(|lens| lens.is_parallel());
     // A parallel lens has no directions.
-    let count = if is_parallel { 1 } else { 6 * CELLS * CELLS };
-    (0..count).into_par_iter().map(|index| cell(camera, index)).collect()
+    let faces = if is_parallel { 0 } else { 6 };
+    let regions = CELLS / REGION;
+    let bends_of = |index: u32| {
+        let low = DVec2::new((index % regions).into(), (index / regions % regions).into()) / f64::from(regions);
+        bends(camera, index / (regions * regions), 2.0 * low - 1.0)
+    };
+    let bends: Vec<_> = (0..faces * regions * regions).into_par_iter().map(bends_of).collect();
+    let cell = |index: u32| {
+        let [face, row, column] = [index / (CELLS * CELLS), index / CELLS % CELLS, index % CELLS];
+        let middle = (DVec2::new(column.into(), row.into()) + 0.5) * (2.0 / f64::from(CELLS)) - 1.0;
+        let bends = bends[((face * regions + row / REGION) * regions + column / REGION) as usize];
+        let plane = Plane::around(camera, face, middle);
+        // Without a plane, no bend is finite.
+        let bends = bends.map(|bend| if plane.is_none() && bend >= 0.0 { f64::INFINITY } else { bend });
+        let Plane { px, by, .. } = plane.unwrap_or_default();
+        let element = |values: [f64; 4]| values.map(|value| (value as f32).to_bits());
+        [element([px.x, px.y, by[0].x, by[0].y]), element([by[1].x, by[1].y, bends[0], bends[1]])]
+    };
+    (0..faces * CELLS * CELLS).into_par_iter().map(cell).collect()
 }
 
 /// The place of a direction of view axes, px.
@@ -194,53 +213,68 @@ fn on_face(face: u32, at: DVec2) -> DVec3 {
     }
 }
 
-fn cell(camera: &Camera, index: u32) -> Cell {
-    let side = 2.0 / f64::from(CELLS);
-    let (face, inside) = (index / (CELLS * CELLS), index % (CELLS * CELLS));
-    let corner = DVec2::new((inside % CELLS).into(), (inside / CELLS).into()) * side - 1.0;
-    let middle = corner + side / 2.0;
-    let form = |px: DVec2, by: [DVec2; 2], bend: f64| {
-        let element = |values: [f64; 4]| values.map(|value| (value as f32).to_bits());
-        [element([px.x, px.y, by[0].x, by[0].y]), element([by[1].x, by[1].y, bend, 0.0])]
-    };
-    let nowhere = |bend| form(DVec2::ZERO, [DVec2::ZERO; 2], bend);
-    // Directions of the cell, and around each of them.
-    let of_cell = [middle, corner, corner + side, corner + DVec2::X * side, corner + DVec2::Y * side];
-    let around = |direction: DVec3| {
-        let normal = direction.normalize();
-        let across = [normal.any_orthonormal_vector(), normal.cross(normal.any_orthonormal_vector())];
-        let rings = [0.0, 0.25, 0.5, 0.75, 1.0].map(|part| part * BETWEEN * f64::from(REACH));
-        rings.into_iter().flat_map(move |radius| {
-            (0..if radius > 0.0 { AZIMUTHS } else { 1 }).map(move |i| {
-                let turn = DVec2::from_angle(TAU * f64::from(i) / f64::from(AZIMUTHS));
-                (radius, normal + radius * (across[0] * turn.x + across[1] * turn.y))
-            })
-        })
-    };
-    let seen = of_cell.map(|at| around(on_face(face, at)).filter(|(_, seen)| place(camera, *seen).is_some()).count());
-    if seen.iter().all(|count| *count == 0) {
-        return nowhere(-1.0);
+/// The places of directions around one, as an affine map of coordinates of a face.
+#[derive(Clone, Copy, Default)]
+struct Plane {
+    at: DVec2,
+    px: DVec2,
+    by: [DVec2; 2],
+}
+
+impl Plane {
+    /// `None` where a direction has no place.
+    fn around(camera: &Camera, face: u32, at: DVec2) -> Option<Self> {
+        let step = 0.25 / f64::from(CELLS);
+        let px = |offset: DVec2| place(camera, on_face(face, at + offset));
+        let by = |axis: DVec2| Some((px(axis * step)? - px(-axis * step)?) / (2.0 * step));
+        Some(Self { at, px: px(DVec2::ZERO)?, by: [by(DVec2::X)?, by(DVec2::Y)?] })
     }
-    let step = side / 8.0;
-    let at = |offset: DVec2| place(camera, on_face(face, middle + offset));
-    let by = [DVec2::X, DVec2::Y].map(|axis| Some((at(axis * step)? - at(-axis * step)?) / (2.0 * step)));
-    let (Some(px), [Some(by_a), Some(by_b)]) = (at(DVec2::ZERO), by) else { return nowhere(f64::INFINITY) };
-    // The derivative by a direction is that by the coordinates of the face, at the direction of the cell.
-    let linear = |from: DVec2, direction: DVec3| {
-        let centre = on_face(face, from).normalize();
-        let (depth, along) = of_face(face, centre);
-        let (depth_by, along_by) = of_face(face, direction - centre);
-        let change = (along_by - along * (depth_by / depth)) / depth.abs();
-        px + (from - middle + change).x * by_a + (from - middle + change).y * by_b
+
+    fn px(&self, at: DVec2) -> DVec2 {
+        let offset = at - self.at;
+        self.px + offset.x * self.by[0] + offset.y * self.by[1]
+    }
+}
+
+/// The bends of the cells of a region of a face, whose lowest coordinates are `low`, for near and for far directions:
+/// infinite if some direction has no place, negative if none has one.
+fn bends(camera: &Camera, face: u32, low: DVec2) -> [f64; 2] {
+    let side = 2.0 * f64::from(REGION) / f64::from(CELLS);
+    let of_region = [0.0, 0.5, 1.0].map(|y| [0.0, 0.5, 1.0].map(|x| low + side * DVec2::new(x, y)));
+    let (mut bends, mut seen, mut unseen) = ([0.0_f64; 2], [0; 2], [0; 2]);
+    for at in of_region.into_iter().flatten() {
+        // The cell whose corner is here, towards the middle of the face.
+        let plane = Plane::around(camera, face, at - at.signum() / f64::from(CELLS));
+        let normal = on_face(face, at).normalize();
+        let across = [normal.any_orthonormal_vector(), normal.cross(normal.any_orthonormal_vector())];
+        // The coordinates of the face change with the direction by their derivative here.
+        let (depth, along) = of_face(face, normal);
+        let rings = [0.3, 0.6, 1.0].map(|ring| (0, ring * f64::from(NEAR_REACH)));
+        let far_rings = [0.6, 1.0].map(|ring| (1, ring * f64::from(FAR_REACH)));
+        for (reach, ring) in rings.into_iter().chain(far_rings) {
+            for azimuth in 0..AZIMUTHS {
+                let turn = DVec2::from_angle(TAU * f64::from(azimuth) / f64::from(AZIMUTHS));
+                let change = BETWEEN * ring * (across[0] * turn.x + across[1] * turn.y);
+                let exact = place(camera, normal + change);
+                seen[reach] += u32::from(exact.is_some());
+                let (Some(exact), Some(plane)) = (exact, &plane) else {
+                    unseen[reach] += 1;
+                    continue;
+                };
+                let (depth_by, along_by) = of_face(face, change);
+                let moved = at + (along_by - along * (depth_by / depth)) / depth.abs();
+                let bend = exact.distance(plane.px(moved)) / (BETWEEN * ring + f64::from(CELL)).powi(2);
+                bends[reach] = bends[reach].max(bend);
+            }
+        }
+    }
+    // Directions that are near are far ones, too.
+    let of_reach = |reach: usize| match (seen[..=reach].iter().sum::<u32>(), unseen[..=reach].iter().sum::<u32>()) {
+        (0, _) => -1.0,
+        (_, 0) => BETWEEN * bends[..=reach].iter().copied().fold(0.0, f64::max),
+        _ => f64::INFINITY,
     };
-    let bend_at = |from: DVec2| {
-        around(on_face(face, from)).map(move |(radius, direction)| {
-            let Some(exact) = place(camera, direction) else { return f64::INFINITY };
-            exact.distance(linear(from, direction)) / (radius + f64::from(CELL)).powi(2)
-        })
-    };
-    let bend = of_cell.into_iter().flat_map(bend_at).fold(0.0, f64::max);
-    form(px, [by_a, by_b], bend * BETWEEN)
+    [of_reach(0), of_reach(1)]
 }
 
 /// The component of a vector along the axis of a face, and the others, in the order of its coordinates.
