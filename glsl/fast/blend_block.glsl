@@ -74,52 +74,54 @@ void begin_pixel(uint k, float transmittance) {
     colour[k] = vec3(0.0);
 }
 
-// Blends AT_ONCE staged splats from the `i`-th on, which have this form.
-void blend_staged(uint i, uint form) {
-    float weights[AT_ONCE][PIXELS];  // exp2(exponent), then alpha T
-    vec3 colours[AT_ONCE];
-    [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-        Curve curve = staged_curve(i + j, form);
-        colours[j] = curve.colour;
-        [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-            float exponent = exponent_at(curve, k, form);
-            float weight = FLUSHES || exponent >= 0.0 ? exp2(exponent) : 0.0;
-            if (HAS_CLAMPED_ALPHAS) weight = min(LARGEST_WEIGHT, weight);
-            weights[j][k] = weight;
-        }
-    }
-    // Transmittances are computed as if no pixel stopped, which is seldom wrong. Where one does stop, the
-    // splats that it does not take are removed, one by one: the picture does not depend on how many there are
-    // at once.
-    float before[PIXELS];
-    bool ends = false;
-    [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-        before[k] = live[k];
+// Blends the staged splats from `first` up to `behind`, which have this form.
+void blend_staged(uint first, uint behind, uint form) {
+    for (uint i = first; i < behind; i += AT_ONCE) {
+        float weights[AT_ONCE][PIXELS];  // exp2(exponent), then alpha T
+        vec3 colours[AT_ONCE];
         [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-            weights[j][k] *= live[k];
-            live[k] = fma(-UNIT, weights[j][k], live[k]);
-        }
-        ends = ends || live[k] < limit[k];
-    }
-    if (subgroupAny(ends)) {
-        [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-            if (live[k] < limit[k]) {
-                float left = last[k] = before[k];
-                [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
-                    float after = fma(-UNIT, weights[j][k], left);
-                    bool added = left >= limit[k] && after >= UNIT * TRANSMITTANCE_MIN;
-                    weights[j][k] = added ? weights[j][k] : 0.0;
-                    last[k] = added ? after : last[k];
-                    left = after;
-                }
-                live[k] = 0.0;
-                limit[k] = -1.0;
+            Curve curve = staged_curve(i + j, form);
+            colours[j] = curve.colour;
+            [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                float exponent = exponent_at(curve, k, form);
+                float weight = FLUSHES || exponent >= 0.0 ? exp2(exponent) : 0.0;
+                if (HAS_CLAMPED_ALPHAS) weight = min(LARGEST_WEIGHT, weight);
+                weights[j][k] = weight;
             }
         }
-    }
-    [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+        // Transmittances are computed as if no pixel stopped, which is seldom wrong. Where one does stop, the
+        // splats that it does not take are removed, one by one: the picture does not depend on how many there are
+        // at once.
+        float before[PIXELS];
+        bool ends = false;
         [[unroll]] for (uint k = 0; k < PIXELS; k++) {
-            colour[k] = fma(colours[j], vec3(weights[j][k]), colour[k]);
+            before[k] = live[k];
+            [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                weights[j][k] *= live[k];
+                live[k] = fma(-UNIT, weights[j][k], live[k]);
+            }
+            ends = ends || live[k] < limit[k];
+        }
+        if (subgroupAny(ends)) {
+            [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                if (live[k] < limit[k]) {
+                    float left = last[k] = before[k];
+                    [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+                        float after = fma(-UNIT, weights[j][k], left);
+                        bool added = left >= limit[k] && after >= UNIT * TRANSMITTANCE_MIN;
+                        weights[j][k] = added ? weights[j][k] : 0.0;
+                        last[k] = added ? after : last[k];
+                        left = after;
+                    }
+                    live[k] = 0.0;
+                    limit[k] = -1.0;
+                }
+            }
+        }
+        [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
+            [[unroll]] for (uint k = 0; k < PIXELS; k++) {
+                colour[k] = fma(colours[j], vec3(weights[j][k]), colour[k]);
+            }
         }
     }
 }
@@ -137,19 +139,17 @@ void blend_entries(Bin bin, uint block) {
     if (gl_SubgroupInvocationID < count_ahead) splat = splat_ids[bin.first + entry];
     while (count > 0) {
         subgroupBarrier();
-        uvec4 quotients = stage(record, gl_SubgroupInvocationID < count);
+        uint form = stage(record, gl_SubgroupInvocationID < count);
         subgroupBarrier();
         uint first = gl_SubgroupID * SUBGROUP, behind = first + count;
         count = count_ahead;
         if (gl_SubgroupInvocationID < count) record = load_record(splat);
         count_ahead = take(walk, bin, block, entry);
         if (gl_SubgroupInvocationID < count_ahead) splat = splat_ids[bin.first + entry];
-        for (uint i = first; i < behind; i += AT_ONCE) {
-            if (FORMS == 1 || has_quotient(quotients, i - first)) {
-                blend_staged(i, 0);
-            } else {
-                blend_staged(i, 1);
-            }
+        if (FORMS == 1 || form == 0) {
+            blend_staged(first, behind, 0);
+        } else {
+            blend_staged(first, behind, 1);
         }
         bool goes_on = false;
         for (uint k = 0; k < PIXELS; k++) goes_on = goes_on || live[k] > 0.0;

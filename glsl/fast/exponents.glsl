@@ -45,9 +45,9 @@ void place_pixels(uvec2 corner, uvec2 lane_place) {
 
 const uint FORMS = 1;
 
-// Stages the polynomial of this lane's splat around `middle` for all lanes. A lane without a splat stages one that is
-// never drawn, and so does one whose polynomial would be infinite or NaN.
-uvec4 stage(Record record, bool exists) {
+// Stages the polynomial of this lane's splat around `middle` for all lanes; returns the form of all splats. A lane
+// without a splat stages one that is never drawn, and so does one whose polynomial would be infinite or NaN.
+uint stage(Record record, bool exists) {
     vec2 d = middle - record.a.xy;
     vec3 factor = vec3(record.a.zw, record.b.x);
     uint place = lane();
@@ -67,11 +67,7 @@ uvec4 stage(Record record, bool exists) {
     staged_a[place] = draws ? a : vec4(-1e30, vec3(0.0));
     staged_b[place] = draws ? b : vec4(0.0);
     staged_blue[place] = record.blue;
-    return uvec4(0);
-}
-
-bool has_quotient(uvec4 ballot, uint first) {
-    return true;
+    return 0;
 }
 
 // A staged splat at the column of this lane.

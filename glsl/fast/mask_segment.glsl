@@ -1,5 +1,6 @@
 // Marks the blocks that the entries of a segment reach.
-// Requires: the bindings of fast/masks.comp, and mask_of(splat, bin), the blocks of a bin that a splat reaches, a bit each
+// Requires: the bindings of fast/masks.comp, and mask_of(splat, bin), the blocks of a bin that a splat reaches, a bit
+// each
 
 shared uint reached[BIN_SEGMENT];                   // the blocks that each entry reaches, a bit each
 shared uint rows[BLOCKS * (BIN_SEGMENT / 32 + 1)];  // the words of each block, padded against bank conflicts

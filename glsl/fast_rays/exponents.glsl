@@ -1,20 +1,20 @@
 // What a splat weighs along the rays of the pixels of a block.
 // Requires: fast/transmittance.glsl, WORKGROUP, BLOCK, PIXELS, ROWS, splats[], rays[], push.is_parallel
-// Rays are scaled so that their ends lie in the plane through the middle of the block, across its ray. There a pixel is a
-// pair of numbers `at`, in which s and w of a splat are affine: no lens is bent any more.
+// Rays are scaled so that their ends lie in the plane through the middle of the block, across its ray. There a pixel is
+// a pair of numbers `at`, in which s and w of a splat are affine: no lens is bent any more.
 #include "rays/splat.glsl"
 #include "fast_rays/record.glsl"
 
-// With COMPACT, most splats are polynomials: exponent = a.x + x (a.y + x a.w) + y (a.z + x b.x + y b.y) at (x, y) = at,
-// of second degree around the place of the block that is nearest to the mean; c.w is negative.
-// The others, and without COMPACT all, are quotients: s = (a.y + x a.z + y a.w, b.x + y b.y), w = c.x + x c.y + y c.z,
-// square = dot(s, s), and exponent = a.x - square / (w^2 + c.w square), where w > 0.
-const uint ANY = 0, POLYNOMIALS = 1;  // forms of AT_ONCE staged splats
+// At (x, y) = at, s = (a.y + x a.z + y a.w, b.x + y b.y), square = dot(s, s), p = b.z + x b.w + y c.x.
+// Without COMPACT, splats are quotients: p is w, and exponent = a.x - square / (w^2 + kappa square), where
+// w > 0. With COMPACT, most are products: exponent = a.x + square p, where p is -1 / (w^2 + kappa square) to the
+// first degree around the place of the block that is nearest to the mean; kappa is negative.
+const uint ANY = 0, PRODUCTS = 1;  // forms of the staged splats of a subgroup
 const uint FORMS = COMPACT ? 2 : 1;
 shared vec4 staged_a[WORKGROUP];
-shared vec4 staged_b[WORKGROUP];  // zw: red and green
-shared vec4 staged_c[WORKGROUP];
-shared float staged_blue[WORKGROUP];
+shared vec4 staged_b[WORKGROUP];
+shared vec4 staged_c[WORKGROUP];  // yzw: colour
+shared float staged_kappa[WORKGROUP];
 
 struct Record {
     RayRecord shape;
@@ -68,95 +68,76 @@ void place_pixels(uvec2 corner, uvec2 lane_place) {
     extent = subgroupMax(extent);
 }
 
-// The largest error of an exponent for which splats are staged as polynomials.
-const float POLYNOMIAL_ERROR = 0.1;
+// The largest error of an exponent for which splats are staged as products.
+const float PRODUCT_ERROR = 0.1;
 
-// Stages this lane's splat for all lanes; returns a ballot of those that are no polynomials. A lane without a splat stages one that is never
-// drawn, and so does one whose numbers would be infinite or NaN.
-uvec4 stage(Record record, bool exists) {
+// Stages this lane's splat for all lanes; returns the form of all splats. A lane without a splat stages one that is
+// never drawn, and so does one whose numbers would be infinite or NaN.
+uint stage(Record record, bool exists) {
     RayRecord shape = record.shape;
     RayAxes axes = axes_of(shape, push.is_parallel == 1);
     vec3 e = middle - shape.centre;
     vec2 s = vec2(dot(axes.u, e), dot(axes.v, e));
-    vec2 s_x = vec2(dot(axes.u, plane.e1), dot(axes.v, plane.e1)), s_y = vec2(dot(axes.u, plane.e2), dot(axes.v, plane.e2));
-    float w = dot(axes.q, middle), kappa = shape.kappa;
-    vec2 w_by = vec2(dot(axes.q, plane.e1), dot(axes.q, plane.e2));
-    uint place = lane();
-    staged_blue[place] = record.colour.b;
-    uvec4 quotients = uvec4(0);
+    vec2 s_x = vec2(dot(axes.u, plane.e1), dot(axes.v, plane.e1));
+    vec2 s_y = vec2(dot(axes.u, plane.e2), dot(axes.v, plane.e2));
+    vec3 p = vec3(dot(axes.q, middle), dot(axes.q, plane.e1), dot(axes.q, plane.e2));
+    float kappa = shape.kappa;
+    bool is_product = false;
     if (COMPACT) {
         // The place of the block that is nearest to the mean.
         float mean_along = dot(plane.normal, shape.centre);
         vec2 mean = -vec2(dot(plane.e1, e), dot(plane.e2, e)) / mean_along;
         vec2 from = mean_along > 0.05 ? clamp(mean, -extent, extent) : vec2(0.0);
-        vec2 s_from = s + from.x * s_x + from.y * s_y;
-        float w_from = w + dot(w_by, from), per_w = 1.0 / w_from;
-        // Derivatives of rho = s / w, of square = |rho|^2, and of falloff = square / (1 + kappa square).
-        vec2 rho = s_from * per_w, rho_x = (s_x - rho * w_by.x) * per_w, rho_y = (s_y - rho * w_by.y) * per_w;
-        float square = dot(rho, rho), rest = 1.0 / (1.0 + kappa * square), by_square = rest * rest;
-        vec2 square_by = 2.0 * vec2(dot(rho, rho_x), dot(rho, rho_y)), w_part = w_by * per_w;
-        vec2 fall_by = by_square * square_by;
-        vec3 fall_twice = 2.0 * by_square * vec3(dot(rho_x, rho_x), dot(rho_x, rho_y), dot(rho_y, rho_y))
-            - by_square * vec3(2.0 * square_by.x * w_part.x, dot(square_by, w_part.yx), 2.0 * square_by.y * w_part.y)
-            - 2.0 * kappa * rest * by_square * vec3(square_by.x * square_by, square_by.y * square_by.y);
-        // Terms of third degree, by the changes of w and of rho within the block where the splat is drawn.
-        vec2 far = extent + abs(from);
-        float w_change = dot(abs(w_part), far);
-        float change = min(dot(rho_x, rho_x) * far.x * far.x + dot(rho_y, rho_y) * far.y * far.y, shape.limit);
-        float near = min(square, shape.limit), mixed = sqrt(near * change);
-        float error = w_change * (2.0 * change + w_change * (6.0 * mixed + 4.0 * near * w_change))
-            + kappa * change * (4.0 * mixed + change);
-        bool suits = w_from > 0.0 && w_change < 0.5 && error < POLYNOMIAL_ERROR || !exists;
-        quotients = subgroupBallot(!suits);
-        if (suits) {
-            vec2 turned = vec2(dot(fall_twice.xy, from), dot(fall_twice.yz, from));
-            float at_middle = shape.limit - rest * square + dot(fall_by, from) - 0.5 * dot(turned, from) - LOWERED;
-            bool draws = exists && abs(at_middle) < 1e30;
-            staged_a[place] = draws ? vec4(at_middle, turned - fall_by, -0.5 * fall_twice.x) : vec4(-1e30, vec3(0.0));
-            staged_b[place] = draws ? vec4(-fall_twice.y, -0.5 * fall_twice.z, record.colour.rg) : vec4(0.0);
-            staged_c[place] = vec4(-1.0);
-            return quotients;
+        vec2 far = extent + abs(from), s_from = s + from.x * s_x + from.y * s_y;
+        float w = p.x + dot(p.yz, from), square = dot(s_from, s_from), whole = w * w + kappa * square;
+        float per_whole = 1.0 / whole;
+        vec2 whole_by = 2.0 * (w * p.yz + kappa * vec2(dot(s_from, s_x), dot(s_from, s_y)));
+        // Terms of second degree, by the changes of w, of s and of both within the block, where the splat is drawn.
+        float w_change = dot(abs(p.yz), far), whole_change = dot(abs(whole_by), far) * per_whole;
+        float s_change = dot(s_x, s_x) * far.x * far.x + dot(s_y, s_y) * far.y * far.y;
+        float change = whole_change * whole_change + (w_change * w_change + kappa * s_change) * per_whole;
+        float fall = min(2.0 * (square + s_change) * per_whole, shape.limit);
+        is_product = w > w_change && whole_change < 0.5 && change * fall < PRODUCT_ERROR;
+        if (is_product) {
+            p.yz = whole_by * per_whole * per_whole;
+            p.x = -per_whole - dot(p.yz, from);
+            kappa = -1.0;
         }
     }
     // s is turned so that only its first component depends on x.
     float length_x = length(s_x);
     vec2 turn = length_x > 0.0 ? s_x / length_x : vec2(1.0, 0.0);
     bool draws = exists && dot(s, s) < 1e30;
-    staged_a[place] = vec4(shape.limit - LOWERED, dot(turn, s), length_x, dot(turn, s_y));
-    staged_b[place] = vec4(turn.x * s.y - turn.y * s.x, turn.x * s_y.y - turn.y * s_y.x, record.colour.rg);
-    staged_c[place] = draws ? vec4(w, w_by, kappa) : vec4(-1.0, vec3(0.0));
-    if (!draws) {
-        staged_a[place] = vec4(0.0);
-        staged_b[place] = vec4(0.0);
-    }
-    return quotients;
-}
-
-// True if some of the AT_ONCE splats from `first` on is no polynomial.
-bool has_quotient(uvec4 quotients, uint first) {
-    return (quotients[first / 32] >> first % 32 & (1 << AT_ONCE) - 1) != 0;
+    uint place = lane();
+    vec4 a = vec4(shape.limit - LOWERED, dot(turn, s), length_x, dot(turn, s_y));
+    vec4 b = vec4(turn.x * s.y - turn.y * s.x, turn.x * s_y.y - turn.y * s_y.x, p.xy);
+    staged_a[place] = draws ? a : vec4(-1e30, vec3(0.0));
+    staged_b[place] = draws ? b : vec4(0.0);
+    staged_c[place] = draws ? vec4(p.z, record.colour) : vec4(0.0);
+    staged_kappa[place] = draws ? kappa : -1.0;
+    return subgroupAll(is_product || !draws) ? PRODUCTS : ANY;
 }
 
 struct Curve {
     vec4 a;
     vec4 b;
-    vec4 c;
+    float by_y;
+    float kappa;
     vec3 colour;
 };
 
 Curve staged_curve(uint place, uint form) {
-    vec4 b = staged_b[place];
-    vec4 c = form == ANY ? staged_c[place] : vec4(-1.0);
-    return Curve(staged_a[place], b, c, vec3(b.zw, staged_blue[place]));
+    vec4 c = staged_c[place];
+    return Curve(staged_a[place], staged_b[place], c.x, form == ANY ? staged_kappa[place] : -1.0, c.yzw);
 }
 
 // log2(alpha / ALPHA_MIN), less LOWERED, at the `k`-th pixel of this lane.
 float exponent_at(Curve curve, uint k, uint form) {
     float x = at[k].x, y = at[k].y;
-    vec4 a = curve.a, b = curve.b, c = curve.c;
-    float polynomial = fma(y, fma(b.y, y, fma(b.x, x, a.z)), fma(x, fma(a.w, x, a.y), a.x));
-    if (COMPACT && (form == POLYNOMIALS || c.w < 0.0)) return polynomial;
-    float u = fma(a.w, y, fma(a.z, x, a.y)), v = fma(b.y, y, b.x), w = fma(c.z, y, fma(c.y, x, c.x));
-    float square = fma(u, u, v * v);
-    return w > 0.0 ? a.x - square / fma(w, w, c.w * square) : -1e30;
+    vec4 a = curve.a, b = curve.b;
+    float u = fma(a.w, y, fma(a.z, x, a.y)), v = fma(b.y, y, b.x), p = fma(curve.by_y, y, fma(b.w, x, b.z));
+    float square = fma(u, u, v * v), product = fma(square, p, a.x);
+    if (form == PRODUCTS) return product;
+    float quotient = p > 0.0 ? a.x - square / fma(p, p, curve.kappa * square) : -1e30;
+    return COMPACT && curve.kappa < 0.0 ? product : quotient;
 }

@@ -24,8 +24,8 @@ layout(push_constant, scalar) uniform Push {
 
 #include "fast/blocks_reached.glsl"
 
-// The rays of the bin are affine in px, but for `off`. So the rays that the splat meets are in an ellipse, if w is bounded
-// by its largest value in the bin.
+// The rays of the bin are affine in px, but for `off`. So the rays that the splat meets are in an ellipse, if w is
+// bounded by its largest value in the bin.
 uint mask_of(uint splat, uint bin) {
     uint first = splat * SPLAT_WORDS;
     RayRecord record = record_of(splats[first], splats[first + 1], splats[first + 2]);

@@ -16,8 +16,8 @@ const float FURTHEST_BEND = 64.0;  // px: splats that a lens bends more are list
 // Its rows and columns are all those of the picture.
 const Ellipse ALL_BINS = Ellipse(vec2(0.0), vec2(1e9), 0.0, 1e18, 1e-18, 1.0, 0.0);
 
-// The picture around a direction, as a plane: the place of the direction, and the change of x and y px by a change of the
-// direction in view axes.
+// The picture around a direction, as a plane: the place of the direction, and the change of x and y px by a change of
+// the direction in view axes.
 struct Place {
     vec2 px;
     vec3 grad_x;
@@ -68,7 +68,8 @@ bool may_be_visible(uvec4 bound, out float far) {
     if (!(reach >= 0.0 && far > VIEW.near)) return false;
     vec3 p = view_axes(mean);
     vec3 centre = centre_of(p);
-    float chord = chord_of(1.00001 * reach / unit_of(p) + deviations * sqrt(LOW_PASS) * uintBitsToFloat(lens_table[1].y));
+    float widest = uintBitsToFloat(lens_table[1].y);
+    float chord = chord_of(1.00001 * reach / unit_of(p) + deviations * sqrt(LOW_PASS) * widest);
     vec4 all = uintBitsToFloat(lens_table[0]);
     if (distance(centre, all.xyz) > chord + all.w) return false;
     if (chord > FAR_REACH && !IS_PARALLEL) return true;

@@ -1,6 +1,6 @@
-// A Gaussian as rays meet it, and the tests of the rays that meet it. A pixel has a ray `d`, in view axes: a unit vector,
-// or for a parallel lens (x, y, 1), the ray along z through (x, y). No stage knows a lens: it is in the rays of the
-// pixels, in bounds of the rays of many pixels, and in the table of footprints, which the host makes in f64.
+// A Gaussian as rays meet it, and the tests of the rays that meet it. A pixel has a ray `d`, in view axes: a unit
+// vector, or for a parallel lens (x, y, 1), the ray along z through (x, y). No stage knows a lens: it is in the rays of
+// the pixels, in bounds of the rays of many pixels, and in the table of footprints, which the host makes in f64.
 
 const uint FOOTPRINTS = 256;  // cells along a side of the table of footprints
 const float EVERYWHERE = 1e15;  // longer than every chord

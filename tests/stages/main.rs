@@ -9,6 +9,7 @@ mod fast_blend;
 mod fast_input;
 mod fast_lists;
 mod fast_path;
+mod fast_rays;
 mod harness;
 mod pack;
 mod portable;

@@ -39,7 +39,7 @@ static CASES: LazyLock<Vec<Case>> = LazyLock::new(|| {
     let case = |(i, (name, camera)): (usize, (&'static str, Camera))| {
         let count = [255, 256, 257, 1023, 1024, 1025][i];
         let gaussians = around(&mut Random(i as u64), &camera, count);
-        let captured = gpu.capture(&gaussians, &camera, &Options::EXACT);
+        let captured = gpu.capture(&gaussians, &camera, &Options { portable: true, ..Options::EXACT });
         let exact = RayLists::of(&gaussians, &camera, &Footprints::of(&camera).unwrap(), RULES);
         Case { name, gaussians, camera, captured, exact }
     };

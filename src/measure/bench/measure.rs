@@ -346,7 +346,7 @@ fn counts(frames: &[Totals], staged: &[Measured], size_px: [u32; 2], drawn_px: [
     let pixels = f64::from(size_px[0]) * f64::from(size_px[1]);
     let of = |value: &dyn Fn(&Totals) -> f64| Statistics::of(frames.iter().map(value));
     let tiles: u32 = tiles(drawn_px).iter().product();
-    let fast = staged.iter().filter(|measured| measured.path == render::Path::Fast);
+    let fast = staged.iter().filter(|measured| matches!(measured.path, render::Path::Fast | render::Path::FastRays));
     let entries: Vec<f64> = fast.map(|measured| measured.frame.totals.listed_kept.into()).collect();
     Counts {
         visible: of(&|t| t.visible.into()),
