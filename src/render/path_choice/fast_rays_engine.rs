@@ -38,8 +38,8 @@ impl FastRaysEngine {
         Ok(())
     }
 
-    /// Makes tables and buffers for a frame; `None` if the rays path must draw it, since the rays of a block of the lens
-    /// do not meet a plane, or lists are too long or too many.
+    /// Makes tables and buffers for a frame; `None` if the rays path must draw it, since the rays of a block of the
+    /// lens do not meet a plane, or lists are too long or too many.
     ///
     /// # Errors
     /// If memory runs out.

@@ -3,8 +3,8 @@
 //! It shares the stages of the portable path between projection and blend. No stage knows a lens: [`RayTables`] holds
 //! what they need of it, made on the host in f64. So every lens is drawn by the same pipelines.
 //!
-//! - `tables` - [`LensTables`]: the rays of all pixels, footprints of directions; [`RayTables`]: cones around the rays of
-//!   tiles, too
+//! - `tables` - [`LensTables`]: the rays of all pixels, footprints of directions; [`RayTables`]: cones around the rays
+//!   of tiles, too
 //! - `pipeline` - [`RaysPipeline`]: the stages that differ from the portable path's
 
 mod pipeline;
