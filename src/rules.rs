@@ -1,9 +1,5 @@
 //! The rules of a picture. They define its colours in exact arithmetic; speed plays no part.
 
-use std::fmt;
-use std::str::FromStr;
-
-use anyhow::Context;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +27,9 @@ pub const TILE: u32 = 16;
 pub struct Rules {
     /// Near plane in world units: a Gaussian is drawn only if the depth of its mean is larger.
     pub near: f32,
+    /// The weight of a Gaussian at a pixel of a pinhole.
+    #[serde(default)]
+    pub response: Response,
     /// Sort key of the splats.
     pub order: Order,
     /// How far from its mean a splat is drawn.
@@ -63,6 +62,18 @@ pub enum Order {
     PerPixel,
 }
 
+/// The weight of a Gaussian at a pixel of a pinhole. Cameras with lenses are drawn along rays by both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Response {
+    /// The value of its projection, which is made with the derivative at its mean (EWA splatting). Scenes are trained
+    /// so.
+    #[default]
+    Screen,
+    /// The greatest value along the ray of the pixel. Splats are in the order of their distance.
+    Ray,
+}
+
 /// How far from its mean a splat is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -82,50 +93,48 @@ impl Order {
         [("depth", Self::Depth), ("distance", Self::Distance), ("per-pixel", Self::PerPixel)];
 }
 
-impl fmt::Display for Order {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let named = Self::NAMES.iter().find(|(_, named)| named == self);
-        f.pad(named.expect("every value of the enum has a name").0)
-    }
-}
-
-impl FromStr for Order {
-    type Err = anyhow::Error;
-
-    fn from_str(name: &str) -> anyhow::Result<Self> {
-        let named = Self::NAMES.iter().find(|(known, _)| *known == name);
-        let expected = || format!("expected {}", Self::NAMES.map(|(name, _)| name).join(", "));
-        named.map(|(_, named)| *named).with_context(expected)
-    }
-}
-
 impl Footprint {
     /// Every value with its name on the command line and in reports.
     pub const NAMES: [(&'static str, Self); 3] =
         [("exact", Self::Exact), ("three-sigma", Self::ThreeSigma), ("three-sigma-squares", Self::ThreeSigmaSquares)];
 }
 
-impl fmt::Display for Footprint {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let named = Self::NAMES.iter().find(|(_, named)| named == self);
-        f.pad(named.expect("every value of the enum has a name").0)
-    }
+impl Response {
+    /// Every value with its name on the command line and in reports.
+    pub const NAMES: [(&'static str, Self); 2] = [("screen", Self::Screen), ("ray", Self::Ray)];
 }
 
-impl FromStr for Footprint {
-    type Err = anyhow::Error;
+/// Writes and reads the values of an enum by their `NAMES`.
+macro_rules! by_name {
+    ($($type:ty),+) => {$(
+        impl std::fmt::Display for $type {
+            fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                let named = Self::NAMES.iter().find(|(_, named)| named == self);
+                f.pad(named.expect("every value of the enum has a name").0)
+            }
+        }
 
-    fn from_str(name: &str) -> anyhow::Result<Self> {
-        let named = Self::NAMES.iter().find(|(known, _)| *known == name);
-        let expected = || format!("expected {}", Self::NAMES.map(|(name, _)| name).join(", "));
-        named.map(|(_, named)| *named).with_context(expected)
-    }
+        impl std::str::FromStr for $type {
+            type Err = anyhow::Error;
+
+            fn from_str(name: &str) -> anyhow::Result<Self> {
+                let named = Self::NAMES.iter().find(|(known, _)| *known == name);
+                let expected = || format!("expected {}", Self::NAMES.map(|(name, _)| name).join(", "));
+                anyhow::Context::with_context(named.map(|(_, named)| *named), expected)
+            }
+        }
+    )+};
 }
+
+pub(crate) use by_name;
+
+by_name!(Order, Response, Footprint);
 
 impl Rules {
     /// The rules of the original 3DGS (Kerbl et al. 2023), with footprints that are not cut.
     pub const TRAINED: Self = Self {
         near: 0.2,
+        response: Response::Screen,
         order: Order::Depth,
         extent: Footprint::Exact,
         alpha_min: ALPHA_MIN,

@@ -113,6 +113,12 @@ impl Camera {
         }
     }
 
+    /// The same view with a lens, so that it is drawn along rays: that of a pinhole does not distort.
+    pub fn along_rays(&self) -> Self {
+        let lens = self.lens.clone().unwrap_or_else(|| Arc::new(Lens::straight()));
+        Self { lens: Some(lens), ..self.clone() }
+    }
+
     /// True if a point of the world is seen inside the image.
     pub fn sees(&self, world: DVec3) -> bool {
         let size = DVec2::from(self.size_px.map(f64::from));

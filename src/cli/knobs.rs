@@ -37,12 +37,12 @@ impl clap::FromArgMatches for Knobs {
     }
 }
 
-/// The knobs that are rules of the picture, for commands that draw exactly.
+/// The knobs that are rules of contributions, which are those to pictures of projections.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RuleKnobs(pub Knobs);
 
 fn rules() -> impl Iterator<Item = &'static Knob> {
-    flags().filter(|knob| knob.group == Group::Rules)
+    flags().filter(|knob| knob.group == Group::Rules && knob.name != "response")
 }
 
 impl clap::Args for RuleKnobs {
@@ -67,8 +67,8 @@ impl clap::FromArgMatches for RuleKnobs {
 }
 
 /// Knobs that the short help leaves out.
-const RARE: [&str; 8] =
-    ["order", "extent", "alpha-min", "key-bits", "sh-storage", "shape-storage", "lod-error", "lod-fade"];
+const RARE: [&str; 9] =
+    ["response", "order", "extent", "alpha-min", "key-bits", "sh-storage", "shape-storage", "lod-error", "lod-fade"];
 
 fn flag(knob: &'static Knob) -> Arg {
     let parse = move |text: &str| knob.parse(text);

@@ -3,7 +3,7 @@
 use super::setting::{Setting, Value};
 use super::{Options, Storage};
 use crate::quantities;
-use crate::rules::{ALPHA_MIN, Footprint, LISTED_ALPHA, Order};
+use crate::rules::{ALPHA_MIN, Footprint, LISTED_ALPHA, Order, Response};
 
 /// The values that a knob accepts.
 #[derive(Clone, Copy, Debug)]
@@ -77,7 +77,7 @@ pub struct Knob {
 }
 
 /// Every knob. A new one costs a field of [`Options`] and an entry here.
-pub static KNOBS: [Knob; 16] = [
+pub static KNOBS: [Knob; 17] = [
     Knob {
         name: "near",
         value_name: "DISTANCE",
@@ -90,6 +90,20 @@ pub static KNOBS: [Knob; 16] = [
         effect: |_, _| Effect::Changed,
         get: |options| options.rules.near.value(),
         set: |options, value| options.rules.near = Setting::of(value),
+    },
+    Knob {
+        name: "response",
+        value_name: "RULE",
+        help: "Weight of a Gaussian at a pixel of a pinhole [default: screen]\n\nscreen (the value of its projection: \
+               EWA splatting, as scenes are trained) or ray (the greatest value along the pixel's ray, in the order by \
+               distance). Cameras with lenses are drawn along rays by both.",
+        group: Group::Rules,
+        kind: Kind::Name(|| names(&Response::NAMES)),
+        steps: &[Value::Name("screen"), Value::Name("ray")],
+        is_searched: false,
+        effect: |_, _| Effect::Changed,
+        get: |options| options.rules.response.value(),
+        set: |options, value| options.rules.response = Setting::of(value),
     },
     Knob {
         name: "order",

@@ -7,14 +7,10 @@
 mod knobs;
 mod setting;
 
-use std::fmt;
-use std::str::FromStr;
-
-use anyhow::Context;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::rules::{ALPHA_MIN, Footprint, Order, Rules};
+use crate::rules::{ALPHA_MIN, Footprint, Order, Response, Rules, by_name};
 
 pub use knobs::{Effect, Group, Held, KNOBS, Kind, Knob};
 pub use setting::Value;
@@ -39,22 +35,7 @@ impl Storage {
         [("lossless", Self::Lossless), ("f32", Self::F32), ("f16", Self::F16), ("u8", Self::U8)];
 }
 
-impl fmt::Display for Storage {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let named = Self::NAMES.iter().find(|(_, named)| named == self);
-        f.pad(named.expect("every value of the enum has a name").0)
-    }
-}
-
-impl FromStr for Storage {
-    type Err = anyhow::Error;
-
-    fn from_str(name: &str) -> anyhow::Result<Self> {
-        let named = Self::NAMES.iter().find(|(known, _)| *known == name);
-        let expected = || format!("expected {}", Self::NAMES.map(|(name, _)| name).join(", "));
-        named.map(|(_, named)| *named).with_context(expected)
-    }
-}
+by_name!(Storage);
 
 /// The options of a renderer, including the rules of its pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -169,6 +150,8 @@ impl Options {
             Some("a picture with levels of detail has no certificate: their errors are predictions")
         } else if self.rules.extent == Footprint::ThreeSigmaSquares {
             Some("a picture in which splats end at the borders of tiles has no certificate")
+        } else if self.rules.response == Response::Ray {
+            Some("a picture along rays has no certificate")
         } else {
             None
         }

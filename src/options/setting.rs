@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::Storage;
-use crate::rules::{Footprint, Order};
+use crate::rules::{Footprint, Order, Response};
 
 /// A value of a knob.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,4 +70,5 @@ setting!(u32, Count);
 setting!(bool, Flag);
 setting!(Storage);
 setting!(Order);
+setting!(Response);
 setting!(Footprint);

@@ -10,8 +10,9 @@
 //! errors of arithmetic, of approximation and of the model. Tests compare the reference itself with stored results of
 //! gsplat.
 //!
-//! A camera with a lens draws the exact response along the ray of each pixel, in the order of the depths of
-//! [`Camera::depth`] for both [`Order::Depth`] and [`Order::Distance`]. The near plane is one of these depths, too.
+//! A camera with a lens, and with [`Response::Ray`] every camera, draws the exact response along the ray of each pixel,
+//! in the order of the depths of [`Camera::depth`] for both [`Order::Depth`] and [`Order::Distance`]. The near plane is
+//! one of these depths, too.
 
 mod bins;
 mod blend;
@@ -48,7 +49,7 @@ pub use sort::sort;
 
 use crate::camera::{Camera, Footprints};
 use crate::pixels::{Depths, Pixels, Plane};
-use crate::rules::{Background, Order, Rules};
+use crate::rules::{Background, Order, Response, Rules};
 use crate::scene::Gaussians;
 
 /// A rendered image in full precision.
@@ -61,6 +62,8 @@ pub struct Rendering {
 
 /// Renders a scene in f64. Pixels that a lens sees nothing at are transparent black, over any background.
 pub fn render(gaussians: &Gaussians, camera: &Camera, rules: &Rules, background: Background) -> Rendering {
+    let along_rays = (rules.response == Response::Ray).then(|| camera.along_rays());
+    let camera = along_rays.as_ref().unwrap_or(camera);
     let background = background.colour().map(f64::from).into();
     let rays = |visible: &[u32]| (rules.order == Order::PerPixel).then(|| Rays::new(gaussians, visible, camera));
     let pixels = match Footprints::of(camera) {
@@ -88,7 +91,8 @@ struct Listed {
 
 impl Listed {
     fn of(gaussians: &Gaussians, camera: &Camera, rules: &Rules) -> Self {
-        assert!(camera.lens.is_none(), "lists of a lens are those of its rays");
+        let is_on_screen = camera.lens.is_none() && rules.response == Response::Screen;
+        assert!(is_on_screen, "lists along rays are those of the rays");
         let tiling = Tiling::of(camera.size_px);
         let visible = cull(gaussians, camera, rules);
         let splats: Vec<Splat> = visible.par_iter().map(|id| project(gaussians, *id, camera, rules)).collect();

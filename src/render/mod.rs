@@ -17,10 +17,13 @@
 //! **`portable`.** The path that runs on every device: cull, project, sort by depth, list in tiles, blend.
 //! -> `scene`, `frame`, `constants`, `capacity`
 //!
-//! **`rays`.** The path for cameras with lenses: stages of `portable`, but along the ray of every pixel. -> `portable`
+//! **`rays`.** The portable path along the rays of pixels, for cameras with lenses: stages of `portable` between its
+//! own. -> `portable`
 //!
 //! **`fast`.** The path for subgroups of a known size: project, list in bins, sort and merge each list, blend.
 //! -> `portable` (the size of sort digits)
+//!
+//! **`fast_rays`.** The fast path along rays: stages of `fast` between its own. -> `rays`, `fast`
 //!
 //! **`inspect`.** Pictures of attributes and of work, the explanation of a pixel, pictures on a screen. -> `portable`
 //!

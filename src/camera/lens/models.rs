@@ -12,7 +12,7 @@ use super::planar::Planar;
 /// Names of the parameters that follow the focal lengths and the principal point, by model. The first 18 are COLMAP's.
 const MODELS: [(&str, &[&str]); 25] = [
     ("SIMPLE_PINHOLE", &[]),
-    ("PINHOLE", &[]),
+    (PINHOLE, &[]),
     ("SIMPLE_RADIAL", &["k1"]),
     ("RADIAL", &["k1", "k2"]),
     ("OPENCV", &["k1", "k2", "p1", "p2"]),
@@ -43,6 +43,8 @@ const MODELS: [(&str, &[&str]); 25] = [
     ("ORTHOGRAPHIC", &[]),
 ];
 
+const PINHOLE: &str = "PINHOLE";
+
 /// Largest absolute value of a parameter: with it, no intermediate value of a map overflows.
 const LARGEST_PARAMETER: f64 = 1e9;
 
@@ -57,6 +59,11 @@ impl Lens {
     /// model.
     pub fn parameter_names(model: &str) -> Option<&'static [&'static str]> {
         MODELS.iter().find(|(name, _)| *name == model).map(|(_, names)| *names)
+    }
+
+    /// The lens that sees what a pinhole sees.
+    pub(in crate::camera) fn straight() -> Self {
+        Self::new(PINHOLE, &[], (Base::new(Shape::Slope, &[], f64::INFINITY), Planar::default(), DMat2::IDENTITY))
     }
 
     /// The lens of a model by its name and its numbers, without focal lengths and principal point, like

@@ -28,7 +28,7 @@ use crate::render::scene::{Features, GpuScene};
 use crate::render::self_test::choose;
 use crate::render::shaders::{Room, Totals};
 use crate::render::upscale::Upscaler;
-use crate::rules::Background;
+use crate::rules::{Background, Response};
 
 /// Renders pictures of one scene and keeps its buffers from one frame to the next.
 pub struct Renderer {
@@ -63,12 +63,20 @@ struct Last {
 
 /// The error where a picture through a lens has more than colours, or is of a scene that lenses do not see.
 #[derive(Debug, thiserror::Error)]
-#[error("a camera with a lens ({model}) {why}; --undistort draws a pinhole")]
+#[error("a camera {} {why}; {}", kind(.model), remedy(.model))]
 pub struct UndrawableLens {
-    /// The model of the lens.
-    pub model: &'static str,
+    /// The model of the lens; none for a pinhole along rays.
+    pub model: Option<&'static str>,
     /// The reason: a clause without its subject, the camera.
     pub why: &'static str,
+}
+
+fn kind(model: &Option<&str>) -> String {
+    model.map_or("along rays".to_owned(), |model| format!("with a lens ({model})"))
+}
+
+fn remedy(model: &Option<&str>) -> &'static str {
+    if model.is_some() { "--undistort draws a pinhole" } else { "--response screen draws projections" }
 }
 
 impl Renderer {
@@ -319,10 +327,13 @@ impl Renderer {
         background: Background,
         inspector: Option<&Inspector>,
     ) -> Result<Recorded> {
-        if let Some(lens) = &camera.lens {
+        let along_rays = (self.options.rules.response == Response::Ray).then(|| camera.along_rays());
+        let model = camera.lens.as_ref().map(|lens| lens.model());
+        let camera = along_rays.as_ref().unwrap_or(camera);
+        if camera.lens.is_some() {
             let inspects = self.needs_tile_lists || inspector.or(self.inspector.as_ref()).is_some();
             let why = self.undrawable_lens(inspects).map_or(Ok(()), Err);
-            why.map_err(|why| UndrawableLens { model: lens.model(), why })?;
+            why.map_err(|why| UndrawableLens { model, why })?;
         }
         match self.fit_images(camera.size_px) {
             Err(error) if error.is::<OutOfMemory>() => {
