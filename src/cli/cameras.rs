@@ -118,7 +118,7 @@ pub(super) struct LensArgs {
     #[arg(allow_hyphen_values = true)]
     lens: Option<NamedLens>,
     /// Draw cameras with lenses as pinholes of the same poses
-    #[arg(long, help_heading = CAMERAS, conflicts_with_all = ["lens", "eye"])]
+    #[arg(long, help_heading = CAMERAS, conflicts_with = "lens")]
     undistort: bool,
 }
 
@@ -192,7 +192,7 @@ pub(super) struct EyeArgs {
     ///
     /// With --up, the point is one of the turned scene.
     #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
-    #[arg(conflicts_with_all = ["cameras", "split"])]
+    #[arg(conflicts_with_all = ["cameras", "split", "undistort"])]
     eye: Option<DVec3>,
     /// The point that --eye looks at [default: the middle of the scene]
     #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]

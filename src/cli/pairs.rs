@@ -153,10 +153,12 @@ const COMMANDS: [Pairs; 10] = [
             ACCURACY,
             LEVELS,
             BUDGET,
+            LENS,
             "cameras split path parts size oracle-size views warmup frames json plot held-out",
         ],
         refused: &[
             ("cameras", "path"),
+            ("undistort", "lens"),
             ("max-error", "min-psnr"),
             (BUDGET, ACCURACY),
             ("held-out", ACCURACY),

@@ -106,7 +106,7 @@ fn undistorted_cameras_draw_the_bytes_of_pinholes() {
 }
 
 #[test]
-fn bench_draws_lenses_and_other_commands_pinholes() {
+fn bench_and_trade_draw_lenses_and_other_commands_pinholes() {
     let folder = tempfile::tempdir().unwrap();
     let lens = transforms(&folder, "lens.json", &json!({"camera_model": "OPENCV_FISHEYE", "k1": -0.01}));
     let quick = ["--warmup", "0", "--frames", "1"];
@@ -117,8 +117,13 @@ fn bench_draws_lenses_and_other_commands_pinholes() {
     ok(&["convert", "cactus:50", &scene]);
     let pruned = ["prune", &scene, "--cameras", &lens, "--min-psnr", "30", "-o", &path(&folder, "b.ply")];
     assert!(notes(&pruned).contains("are drawn as pinholes"));
-    let trade = ["trade", "cactus:50", "--cameras", &lens, "--parts", "certificate"];
-    assert!(notes(&[&trade[..], &quick].concat()).contains("are drawn as pinholes"));
+    let trade = ["trade", "cactus:50", "--cameras", &lens, "--views", "1", "--size", "40x30", "--oracle-size", "40x30"];
+    let trade = [&trade[..], &quick].concat();
+    let promises = notes(&[&trade[..], &["--parts", "promises"]].concat());
+    assert!(promises.contains("which are drawn along the rays of their pixels"), "{promises}");
+    let certificate = [&trade[..], &["--parts", "certificate"]].concat();
+    assert!(fails(2, &certificate).contains("a camera with a lens (OPENCV_FISHEYE) has pictures without"));
+    assert!(notes(&[&certificate[..], &["--undistort"]].concat()).contains("are drawn as pinholes"));
     #[cfg(feature = "viewer")]
     {
         let said = ok(&["view", "cactus:50", "--cameras", &lens, "--offscreen", "4", "--size", "32x24"]);

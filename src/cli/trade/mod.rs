@@ -56,6 +56,8 @@ pub(super) struct Args {
     /// Camera path instead of a camera file, as in `smalto bench`
     #[arg(long, help_heading = CAMERAS, value_name = "PATH")]
     path: Option<CameraPath>,
+    #[command(flatten)]
+    lens: LensArgs,
     /// knobs, search, promises, certificate, levels: what to measure
     ///
     /// knobs (the presets and every knob alone), search (combinations of knobs), promises (checks the accuracy that the
@@ -220,15 +222,13 @@ fn checked_parts(args: &Args, has_levels: bool) -> Result<Vec<Part>> {
 /// The views of the scene, and the largest distance of the near plane that they allow, in world units.
 fn views(args: &Args, focus: Focus) -> Result<(Vec<Camera>, f32)> {
     let found = match args.path {
-        None => {
-            named_or_found(args.cameras.as_deref(), &args.scene, &args.split, Some(args.size), &LensArgs::pinholes())?
-        }
+        None => named_or_found(args.cameras.as_deref(), &args.scene, &args.split, Some(args.size), &args.lens)?,
         Some(_) => None,
     };
     let count = if found.is_some() { usize::MAX } else { PATH_VIEWS };
     let path = args.path.as_ref().unwrap_or(&CameraPath::Orbit { zooms: true });
     let cameras = found.map_or_else(
-        || Cameras::along(&args.split, path, args.size, &LensArgs::pinholes()),
+        || Cameras::along(&args.split, path, args.size, &args.lens),
         |(file, numbered)| Ok(Cameras::of_file(&file, numbered)),
     )?;
     cameras.views((&|| focus, args.scene.town()?), args.size, count)
