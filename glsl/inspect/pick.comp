@@ -3,14 +3,9 @@
 #include "portable/frame.glsl"
 #include "shared/depth.glsl"
 #include "portable/blend_splat.glsl"
+#include "inspect/evidence.glsl"
 // One invocation per instance of one tile's list: computes the depth, alpha and colour of its splat at one pixel.
 // Before: the lists of a complete frame. After: gaussians and evidence of all `count` instances, front to back.
-
-struct Evidence {
-    float depth;  // view z
-    float alpha;  // 0 where the splat is not drawn
-    vec3 colour;
-};
 
 layout(binding = 0, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [instance_capacity]
 layout(binding = 1, scalar) readonly buffer Splats { Splat splats[]; };                     // [visible_capacity]
@@ -25,16 +20,14 @@ layout(push_constant, scalar) uniform Push {
     uvec2 pixel;
 } push;
 
-void main() {
-    uint index = workgroup() * WORKGROUP + lane();
-    if (index >= push.count) return;
-    uint id = splat_ids[push.first + index];
-    uint gaussian = gaussian_from_splat[id];
-    Splat splat = splats[id];
-    float fall = falloff(splat.factor, vec2(push.pixel) + 0.5 - splat.mean_px);
-    bool drawn = fall <= falloff_limit(splat.opacity);
-    gaussians[index] = gaussian;
-    evidence[index].depth = depth_of(uintBitsToFloat(bounds[gaussian].xyz), push.view);
-    evidence[index].alpha = drawn ? alpha_at(splat.opacity, fall) : 0.0;
-    evidence[index].colour = splat.colour;
+#define SPLAT Splat
+
+float falloff_here(SPLAT splat) {
+    return falloff(splat.factor, vec2(push.pixel) + 0.5 - splat.mean_px);
 }
+
+float depth_by_rule(vec3 mean) {
+    return depth_of(mean, push.view);
+}
+
+#include "inspect/pick_list.glsl"

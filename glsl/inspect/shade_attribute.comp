@@ -22,20 +22,8 @@ layout(push_constant, scalar) uniform Push {
     View view;
 } push;
 
-#define INDEX_OF(gaussian) (gaussian)
-#define IN_WORLD(length) (length)
-#define IN_WORLD_AXES(v) (v)
-// Of a Gaussian of the scene.
-#define LEVEL 0.0
-#define LAG(gaussian) 0.0
-#define SQUARED_ERROR 0.0
-#include "shared/storage.glsl"
-#include "inspect/attributes.glsl"
-
-void main() {
-    uint index = workgroup() * WORKGROUP + lane();
-    if (index >= totals.visible_kept) return;
-    uint gaussian = gaussian_from_splat[index];
-    vec3 mean = uintBitsToFloat(bounds[gaussian].xyz);
-    splats[index].colour = attribute_of(gaussian, mean, depth_of(mean, push.view), 1.0);
+float depth_by_rule(vec3 mean) {
+    return depth_of(mean, push.view);
 }
+
+#include "inspect/shade_splats.glsl"

@@ -30,19 +30,10 @@ layout(push_constant, scalar) uniform Push {
     uint last_pass;    // 1: finish the pixels
 } push;
 
-shared vec2 staged_mean[WORKGROUP];
-shared vec4 staged_weight[WORKGROUP];  // factor, opacity
-shared vec4 staged_colour[WORKGROUP];  // colour, and the falloff beyond which the splat is not drawn
+#include "portable/staged.glsl"
 
-#define SPLAT Splat
-#define PLACE vec2  // px
-
-PLACE place_of(uvec2 pixel) {
-    return vec2(pixel) + 0.5;
-}
-
-bool sees(PLACE centre) {
-    return true;
+void stage(Splat splat) {
+    put(splat);
 }
 
 // The pixel centres of a subgroup lie in a box (px).
@@ -69,18 +60,8 @@ bool reaches(uint i, Block block) {
     // u is a difference of products. Its rounding shifts sqrt(falloff) by at most the second term.
     vec2 far = max(abs(from), abs(to));
     float limit =
-        sqrt(float(staged_colour[i].w) + 1e-4) + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
+        sqrt(staged_look[i].w + 1e-4) + 1e-6 * (factor.x * far.x + (abs(factor.y) + factor.z) * far.y);
     return !(least > limit * limit);
-}
-
-void stage(Splat splat) {
-    staged_mean[lane()] = splat.mean_px;
-    staged_weight[lane()] = vec4(splat.factor, splat.opacity);
-    staged_colour[lane()] = colour_and_limit(splat);
-}
-
-bool blend_staged(uint i, PLACE centre, inout vec3 colour, inout float transmittance) {
-    return blend_splat(staged_mean[i], staged_weight[i], staged_colour[i], centre, colour, transmittance);
 }
 
 #include "portable/blend_tile.glsl"

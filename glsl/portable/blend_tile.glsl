@@ -1,12 +1,8 @@
 // One workgroup blends the list of a tile, one invocation per pixel.
-// Requires: the bindings and push constants of portable/blend.comp, and
-//   SPLAT, PLACE       the types of a splat, and of what it is evaluated at: one for each pixel
+// Requires: the bindings and push constants of portable/blend.comp, portable/staged.glsl or rays/staged.glsl, and
 //   stage(splat)       puts the splat of a lane into workgroup memory
-//   place_of(pixel)    the place of a pixel; it may be one that does not exist
-//   sees(place)        false where nothing is seen
 //   Block, block_of(place, inside)  what contains the places of a subgroup
 //   reaches(i, block)  false if a staged splat reaches none of these places
-//   blend_staged(i, place, colour, transmittance)  as blend_splat
 #include "portable/blend_pixel.glsl"
 
 shared uint stopped_subgroups;
@@ -89,7 +85,9 @@ void main() {
                         walked++;
                         evaluations += uint(!stopped);
                     }
-                    if (!stopped) stopped = blend_staged(i, place, colour, transmittance);
+                    if (stopped) continue;
+                    float fall = falloff_at(i, place);
+                    stopped = blend_falloff(fall, opacity_of(i), look_of(i), colour, transmittance);
                 }
             }
             if (!any_in(subgroupBallot(!stopped))) {

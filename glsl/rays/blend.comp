@@ -27,20 +27,13 @@ layout(push_constant, scalar) uniform Push {
     uint last_pass;    // 1: finish the pixels
 } push;
 
-#define SPLAT RaySplat
-#define PLACE vec3  // a ray
+#include "rays/staged.glsl"
 
-shared RaySplat staged[WORKGROUP];
-shared float staged_limit[WORKGROUP];  // the falloff beyond which the splat is not drawn
 shared Reach staged_reach[WORKGROUP];
 
-PLACE place_of(uvec2 pixel) {
-    bool inside = all(lessThan(pixel, push.size_px));
-    return inside ? rays[pixel.y * push.size_px.x + pixel.x] : vec3(0.0);
-}
-
-bool sees(PLACE ray) {
-    return ray != vec3(0.0);
+void stage(RaySplat splat) {
+    put(splat);
+    staged_reach[lane()] = reach_of(splat, falloff_limit(splat.opacity));
 }
 
 // The rays of a subgroup end within `spread` of `middle`.
@@ -60,21 +53,6 @@ Block block_of(PLACE ray, bool inside) {
 
 bool reaches(uint i, Block block) {
     return meets(staged[i], staged_reach[i], block.middle, block.spread);
-}
-
-void stage(RaySplat splat) {
-    staged[lane()] = splat;
-    staged_limit[lane()] = falloff_limit(splat.opacity);
-    staged_reach[lane()] = reach_of(splat, staged_limit[lane()]);
-}
-
-bool blend_staged(uint i, PLACE ray, inout vec3 colour, inout float transmittance) {
-    vec3 e = ray - staged[i].centre;
-    float s = dot(staged[i].u, e), t = dot(staged[i].v, e), w = dot(staged[i].q, ray);
-    if (!(w > 0.0)) return false;
-    float square = s * s + t * t;
-    float fall = square / (w * w + staged[i].kappa * square);
-    return blend_falloff(fall, staged[i].opacity, vec4(staged[i].colour, staged_limit[i]), colour, transmittance);
 }
 
 #include "portable/blend_tile.glsl"

@@ -19,6 +19,14 @@ struct RaySplat {
     float chord;  // all rays that meet the splat end within this distance of `centre`
 };
 
+// The falloff of a splat along a ray: beyond every limit where the ray leads away from it.
+float falloff_along(RaySplat splat, vec3 ray) {
+    vec3 e = ray - splat.centre;
+    float s = dot(splat.u, e), t = dot(splat.v, e), w = dot(splat.q, ray);
+    float square = s * s + t * t;
+    return w > 0.0 ? square / (w * w + splat.kappa * square) : EVERYWHERE;
+}
+
 // Two directions across a direction: away from the axis of the camera, and around it.
 struct Across {
     vec3 normal;

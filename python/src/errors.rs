@@ -15,9 +15,9 @@ create_exception!(smalto, OutOfMemoryError, PyMemoryError, "Memory of the host o
 
 /// The exception for an error of the library.
 pub fn exception(error: anyhow::Error) -> PyErr {
-    if let Some(UndrawableLens { model, why }) = error.downcast_ref() {
-        let text = format!("a camera with a lens ({model}) {why}; camera.undistorted() is its pinhole");
-        return PyValueError::new_err(text);
+    if let Some(refused) = error.downcast_ref::<UndrawableLens>() {
+        let remedies = ["camera.undistorted() is its pinhole", "response=\"screen\" draws projections"];
+        return PyValueError::new_err(refused.sentence(remedies));
     }
     let text = format!("{error:#}");
     if error.is::<Unavailable>() {

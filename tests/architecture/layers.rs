@@ -56,7 +56,7 @@ const RENDER_ROOMS: [(&str, &str); 25] = [
     ("rays", "shaders scene frame constants portable"),
     ("fast", "shaders capacity scene frame constants portable"),
     ("fast_rays", "shaders scene frame rays fast"),
-    ("inspect", "shaders scene frame constants portable"),
+    ("inspect", "shaders scene frame constants portable rays"),
     ("prune", "shaders readback capacity scene frame constants portable"),
     ("pages", "shaders scene frame fast inspect"),
     ("lod", "shaders scene frame constants fast inspect pages"),

@@ -52,11 +52,8 @@ fn what_no_lens_draws_is_refused_in_a_sentence() {
     let [pages, place, out, bound] = ["a.smalto", "list.json", "a.exr", "b.exr"].map(|name| path(&folder, name));
     ok(&["lod", "cactus:9000", "-o", &pages]);
     fs::write(&place, json!({"places": [{"position": [0, 0, 0]}]}).to_string()).unwrap();
-    let beside = "has pictures without depths, counts, attributes, explanations and certificates";
     for (scene, more, sentence) in [
-        ("cactus:50", &["--certificate", &bound][..], beside),
-        ("cactus:50", &["--layers", "colour,depth"], beside),
-        ("cactus:50", &["--layers", "counts"], beside),
+        ("cactus:50", &["--certificate", &bound][..], "has pictures without certificates"),
         ("cactus:50", &["--place", &place], "sees no scenes at places"),
         (&pages, &[], "sees only scenes that are in GPU memory as a whole, without levels of detail"),
     ] {
@@ -76,6 +73,29 @@ fn what_no_lens_draws_is_refused_in_a_sentence() {
         fs::remove_file(&out).unwrap();
         _ = fs::remove_file(&bound);
     }
+}
+
+#[test]
+fn layers_of_depths_and_counts_are_drawn_through_a_lens() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |more: &[&str]| {
+        let out = path(&folder, "a.npy");
+        let eye = ["render", "cactus:300", "--size", "40x30", "--eye", "0,-1,-4", "--lens", "FISHEYE", "--fov", "200"];
+        ok(&[&eye[..], &["-o", &out, "--layers", "depth,counts", "--preset", "exact"], more].concat());
+        ["depth", "counts"].map(|layer| fs::read(path(&folder, &format!("a.{layer}.npy"))).unwrap())
+    };
+    let [depth, counts] = read(&[]);
+    let [reference_depth, reference_counts] = read(&["--reference"]);
+    assert!(counts == reference_counts);
+    // 1200 numbers of 4 bytes follow the header.
+    let numbers = |bytes: Vec<u8>| {
+        let data = bytes[bytes.len() - 4 * 1200..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap()));
+        data.collect::<Vec<_>>()
+    };
+    let (depth, reference) = (numbers(depth), numbers(reference_depth));
+    let is_equal = |(a, b): (&f32, &f32)| a.is_nan() && b.is_nan() || (a - b).abs() <= 1e-4 * b;
+    assert!(depth.iter().zip(&reference).all(is_equal));
+    assert!(reference.iter().filter(|depth| !depth.is_nan()).count() > 100);
 }
 
 #[test]

@@ -7,8 +7,8 @@ use smalto::camera::Camera;
 use smalto::measure::metrics::psnr;
 use smalto::options::Options;
 use smalto::pixels::Pixels;
-use smalto::reference::{self, Rendering};
-use smalto::render::{Capacity, GpuScene, Path, Renderer};
+use smalto::reference::{self, Pixel, Rendering};
+use smalto::render::{Capacity, GpuScene, Inspection, Path, Renderer, depths};
 use smalto::rules::{Background, Response, Rules};
 
 use crate::common::lens::{all, around, sphere, through};
@@ -17,6 +17,8 @@ use crate::common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, compare, 
 const WHITE: Background = Background::Colour([1.0; 3]);
 /// dB.
 const AGREES: f64 = 90.0;
+/// Relative error of a depth: the GPU interpolates the footprints that weigh it.
+const INTERPOLATED: f32 = 1e-3;
 /// Error of a channel where a lens folds: footprints grow fast there, and the GPU interpolates them.
 const NEAR_FOLD: f32 = 1e-3;
 
@@ -117,6 +119,64 @@ fn pinholes_are_drawn_along_rays_by_the_rule() {
         let pixels = draw(&mut renderer(&gpu, &scene, &Options { rules, ..options }), &camera);
         assert_agrees(&format!("portable {}", options.portable), pixels.clone(), &exact);
         assert!(compare(&pixels, &screen).unexplained > 0, "the projection shows in this scene");
+    }
+}
+
+#[test]
+fn depths_and_counts_along_rays_are_those_of_the_reference() {
+    let gpu = Gpu::new();
+    let sees = |pixel: &Pixel| pixel.transmittance > 1e-9;
+    for (i, (name, camera)) in all([48, 32]).into_iter().enumerate() {
+        let scene = around(&mut Random(40 + i as u64), &camera, 600);
+        let rendering = reference::render(&scene, &camera, &Rules::TRAINED, WHITE);
+        let expected = rendering.depths();
+        let mut still = renderer(&gpu, &scene, &Options::EXACT);
+        let before = draw(&mut still, &camera);
+        still.set_inspection(Inspection::of_depths()).unwrap();
+        assert_eq!(still.render(&camera, WHITE).unwrap().path, Path::Rays);
+        let drawn = depths(&still.pixels().unwrap());
+        let (mut compared, mut agreeing) = (0, 0);
+        for (i, _) in rendering.pixels.iter().enumerate().filter(|(_, exact)| exact.doubt == 0.0 && sees(exact)) {
+            let own = [&drawn.expected, &drawn.median, &drawn.counts].map(|plane| plane.values[i]);
+            let of = [&expected.expected, &expected.median, &expected.counts].map(|plane| plane.values[i]);
+            let is_near = |(own, of): (f32, f32)| {
+                own.is_nan() && of.is_nan() || own == of || (own - of).abs() <= INTERPOLATED * of
+            };
+            agreeing += usize::from(own[2] == of[2] && own.into_iter().zip(of).all(is_near));
+            compared += 1;
+        }
+        println!("{name}: {agreeing} of {compared} pixels agree");
+        assert!(compared > rendering.pixels.len() / 3, "{name}: {compared} compared");
+        assert!(compared - agreeing <= 1 + compared / 200, "{name}: {agreeing} of {compared} pixels agree");
+        still.set_inspection(Inspection::default()).unwrap();
+        assert!(draw(&mut still, &camera) == before, "{name}: the picture is as before");
+    }
+}
+
+#[test]
+fn an_explanation_along_a_ray_adds_up_to_the_pixel() {
+    let gpu = Gpu::new();
+    for (i, (name, camera)) in all([48, 32]).into_iter().enumerate() {
+        let scene = around(&mut Random(50 + i as u64), &camera, 600);
+        let exact = reference::render(&scene, &camera, &Rules::TRAINED, WHITE);
+        for options in exact_on_both() {
+            let mut still = renderer(&gpu, &scene, &options);
+            let pixels = draw(&mut still, &camera);
+            let mut explained = 0;
+            for pixel in [[24, 16], [3, 5], [40, 29]] {
+                let index = (pixel[1] * 48 + pixel[0]) as usize;
+                let found = still.explain(pixel).unwrap();
+                let colour = found.colour(WHITE);
+                let apart = (0..3).map(|i| (colour[i] - pixels.rgba[index][i]).abs()).fold(0.0, f32::max);
+                assert!(apart < ROUNDING as f32, "{name} {pixel:?}: {colour:?} for {:?}", pixels.rgba[index]);
+                let blended = exact.pixels[index].blended;
+                assert!(exact.pixels[index].doubt > 0.0 || found.splats.len() as u32 == blended, "{name} {pixel:?}");
+                assert!(found.splats.is_sorted_by_key(|splat| splat.depth), "{name} {pixel:?}: by depth");
+                explained += found.splats.len();
+            }
+            assert!(explained > 10, "{name}: {explained} splats");
+            assert!(still.pixels().unwrap() == pixels, "{name}: the picture is as before");
+        }
     }
 }
 

@@ -103,8 +103,9 @@ pub(super) struct Args {
     ///
     /// Separated by commas. A single layer is written to --output itself. Several layers have a folder each
     /// (renders/colour/00000.png, renders/depth/00000.exr) or, if --output is a file, their name in the file name
-    /// (a.png, a.depth.exr). Depths are the view z of the means of splats, in world units. Depths and counts have one
-    /// float channel, and are .exr if pictures are PNG. They include only the splats that the preset blends.
+    /// (a.png, a.depth.exr). Depths are the view z of the means of splats, through a lens their distance, in world
+    /// units. Depths and counts have one float channel, and are .exr if pictures are PNG. They include only the splats
+    /// that the preset blends.
     #[arg(long, help_heading = OUTPUT, value_name = "LAYERS", value_delimiter = ',', default_value = "colour")]
     #[arg(hide_possible_values = true)]
     layers: Vec<Layer>,

@@ -1,6 +1,7 @@
 //! The inspector: frames of the portable path that show attributes or work instead of colours, that are culled from
 //! another camera, or that draw one Gaussian alone.
 
+use std::cell::OnceCell;
 use std::mem::offset_of;
 
 use anyhow::Result;
@@ -13,6 +14,7 @@ use crate::pixels::{Depths, Pixels, Plane};
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
 use crate::render::portable::{Pass, PortablePipeline, PortableWorkspace, Walk, chunks};
+use crate::render::rays::{RaysFrame, RaysPipeline, is_parallel};
 use crate::render::shaders::inspect::*;
 use crate::render::shaders::{PortableDispatches, View};
 use crate::rules::Background;
@@ -41,6 +43,12 @@ impl Inspection {
         }
     }
 
+    /// True if pictures along rays can show it: there, no splat has a centre or an outline in pixels.
+    pub(in crate::render) fn suits_rays(&self) -> bool {
+        let has_marks = matches!(self.look, Look::Work(Work::Centres | Work::Outlines));
+        !has_marks && self.culled_from.is_none() && self.isolated.is_none()
+    }
+
     /// Draws the input of [`depths`].
     pub fn of_depths() -> Self {
         Self { look: Look::Work(Work::Depths), ..Self::default() }
@@ -63,7 +71,7 @@ pub enum Look {
 /// An attribute of a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
-    /// View z of the mean, world units.
+    /// [Depth](Camera::depth) of the mean, world units.
     Depth = ATTRIBUTE_DEPTH as isize,
     /// 0.5 + 0.5 n in world axes, where n is the shortest axis, turned to the camera.
     Normal = ATTRIBUTE_NORMAL as isize,
@@ -120,6 +128,14 @@ pub struct Inspector {
     pub(in crate::render) inspection: Inspection,
     intersect: Stage<Intersect>,
     picture: Picture,
+    /// Made for the first frame along rays.
+    along_rays: OnceCell<RaysPicture>,
+}
+
+/// The stages of an inspection along rays, as those of [`Picture`].
+struct RaysPicture {
+    shade: Option<Stage<ShadeRays>>,
+    inspect: Option<[Stage<InspectRays>; 2]>,
 }
 
 enum Picture {
@@ -154,7 +170,88 @@ impl Inspector {
                 }
             }
         };
-        Ok(Self { inspection, intersect: Stage::new(device, &())?, picture })
+        Ok(Self { inspection, intersect: Stage::new(device, &())?, picture, along_rays: OnceCell::new() })
+    }
+
+    /// Makes the stages of frames along rays, if there are none yet.
+    ///
+    /// # Errors
+    /// If a pipeline cannot be made.
+    pub(in crate::render) fn prepare_rays(&self, device: &Device, options: &Options, layout: &Layout) -> Result<()> {
+        if self.along_rays.get().is_some() {
+            return Ok(());
+        }
+        let constants = shared(options, layout, device.capabilities().subgroup_size[1]);
+        let (attribute, work) = match self.inspection.look {
+            Look::Colour => (None, None),
+            Look::Attribute(attribute) => (Some(attribute), None),
+            Look::Work(work) => ((work == Work::Depths).then_some(Attribute::Depth), Some(work as u32)),
+        };
+        let shade = |attribute: Attribute| {
+            let attribute = attribute as u32;
+            Stage::new(device, &ShadeRaysConstants { attribute, ..ShadeRaysConstants::of(&constants) })
+        };
+        let inspect = |work| {
+            let stage = |resume| {
+                Stage::new(device, &InspectRaysConstants { resume, work, ..InspectRaysConstants::of(&constants) })
+            };
+            anyhow::Ok([stage(false)?, stage(true)?])
+        };
+        let made = RaysPicture { shade: attribute.map(shade).transpose()?, inspect: work.map(inspect).transpose()? };
+        self.along_rays.set(made).ok().expect("there were none");
+        Ok(())
+    }
+
+    /// Records a frame along rays that shows the inspected quantity in place of colours.
+    ///
+    /// # Panics
+    /// If its stages are not [prepared](Self::prepare_rays).
+    pub(in crate::render) fn record_rays(
+        &self,
+        cmd: &mut Commands,
+        (pipeline, portable): (&RaysPipeline, &PortablePipeline),
+        frame: RaysFrame,
+        target: Target,
+        passes: u32,
+    ) {
+        let RaysPicture { shade, inspect } = self.along_rays.get().expect("an inspection along rays is prepared");
+        let RaysFrame { shot: Shot { scene, camera }, tables, work, splats } = frame;
+        pipeline.record_splats(cmd, portable, frame);
+        if let Some(stage) = shade {
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
+            let bindings = ShadeRaysBindings {
+                totals: &work.totals,
+                gaussian_from_splat: &work.gaussian_from_splat,
+                bounds: &scene.bounds,
+                grids: &scene.grids,
+                shapes: scene.shape_planes(),
+                sh: scene.sh_planes(),
+                splats,
+            };
+            let push = ShadeRaysPush { view: portable.view(camera), is_parallel: is_parallel(camera).into() };
+            let groups = offset_of!(PortableDispatches, over_visible);
+            cmd.scope("shade attribute", |cmd| cmd.dispatch_indirect(stage, bindings, push, &work.dispatches, groups));
+        }
+        let splat_ids = pipeline.record_lists(cmd, portable, frame);
+        let target = match shade {
+            Some(_) => Target { background: Background::Transparent, ..target },
+            None => target,
+        };
+        let Some(stages) = inspect else {
+            return cmd.scope("blend", |cmd| pipeline.blend(cmd, portable, frame, splat_ids, target, passes));
+        };
+        let (image, rays) = (target.image, &tables.lens.rays);
+        let tiles: u32 = tiles(image.size()).iter().product();
+        let (size_px, background) = (image.size(), Background::Transparent.colour());
+        let (ranges, totals) = (&work.ranges, &work.totals);
+        cmd.scope("inspect", |cmd| {
+            Walk::whole(passes).record(cmd, portable.blending.entries_per_pass, |cmd, pass| {
+                let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;
+                let bindings = InspectRaysBindings { ranges, splat_ids, splats, totals, image, rays };
+                let push = InspectRaysPush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
+                cmd.dispatch(&stages[stage], bindings, push, DispatchSize::Groups(tiles.into()));
+            });
+        });
     }
 
     /// Records a frame of the portable path that shows the inspected quantity in place of colours.

@@ -10,5 +10,5 @@ mod pick;
 
 pub use display::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
 pub use inspector::{Attribute, Inspection, Inspector, Look, Work, depths};
-pub(super) use pick::Picker;
 pub use pick::{Explained, Explanation};
+pub(super) use pick::{Listed, Picker};

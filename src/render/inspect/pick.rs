@@ -8,6 +8,7 @@ use crate::packing::Layout;
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, tiles};
 use crate::render::portable::{PortablePipeline, PortableWorkspace};
+use crate::render::rays::{RaysFrame, is_parallel};
 use crate::render::shaders::Evidence;
 use crate::render::shaders::inspect::*;
 use crate::rules::{Background, TILE};
@@ -28,7 +29,7 @@ pub struct Explanation {
 pub struct Explained {
     /// Index of the Gaussian in the scene.
     pub gaussian: u32,
-    /// View z of its mean, world units.
+    /// [Depth](crate::camera::Camera::depth) of its mean, world units.
     pub depth: f32,
     pub alpha: f32,
     /// The transmittance behind the splats before it.
@@ -48,7 +49,7 @@ impl Explanation {
         add(self.transmittance, background.colour(), sum)
     }
 
-    /// View z of the splat at which transmittance falls below one half; without one, the mean by shares; `None` where
+    /// Depth of the splat at which transmittance falls below one half; without one, the mean by shares; `None` where
     /// nothing was blended.
     pub fn depth(&self) -> Option<f32> {
         let median = self.splats.iter().find(|splat| splat.transmittance * (1.0 - splat.alpha) < 0.5);
@@ -63,24 +64,37 @@ pub(in crate::render) struct Picker {
     transmittance_min: f32,
     stop: f32,
     stage: Stage<Pick>,
+    along_rays: Stage<PickRays>,
+}
+
+/// A complete frame whose lists are read.
+#[derive(Clone, Copy)]
+pub(in crate::render) enum Listed<'f> {
+    Portable(Shot<'f>, &'f PortableWorkspace),
+    Rays(RaysFrame<'f>),
 }
 
 impl Picker {
     pub fn new(device: &Device, options: &Options, layout: &Layout) -> Result<Self> {
-        let constants = PickConstants::of(&shared(options, layout, device.capabilities().subgroup_size[1]));
+        let constants = shared(options, layout, device.capabilities().subgroup_size[1]);
         let (transmittance_min, stop) = (options.rules.transmittance_min, layout.stop(options));
-        Ok(Self { transmittance_min, stop, stage: Stage::new(device, &constants)? })
+        let stage = Stage::new(device, &PickConstants::of(&constants))?;
+        let along_rays = Stage::new(device, &PickRaysConstants::of(&constants))?;
+        Ok(Self { transmittance_min, stop, stage, along_rays })
     }
 
-    /// Explains a pixel of the complete frame of `shot` that `work` holds.
+    /// Explains a pixel of a frame.
     pub fn explain(
         &self,
         device: &Device,
         pipeline: &PortablePipeline,
-        Shot { scene, camera }: Shot,
-        work: &PortableWorkspace,
+        listed: Listed,
         pixel: [u32; 2],
     ) -> Result<Explanation> {
+        let (Shot { scene, camera }, work) = match listed {
+            Listed::Portable(shot, work) => (shot, work),
+            Listed::Rays(RaysFrame { shot, work, .. }) => (shot, work),
+        };
         let mut cmd = Commands::new(device)?;
         let ranges = cmd.read(&work.ranges)?;
         let results = cmd.submit()?.wait()?;
@@ -90,17 +104,25 @@ impl Picker {
 
         let gaussians = Buffer::new(device, "explained gaussians", count as usize)?;
         let evidence = Buffer::<Evidence>::new(device, "evidence", count as usize)?;
-        let bindings = PickBindings {
-            splat_ids: pipeline.splat_ids(work, camera),
-            splats: &work.splats,
-            gaussian_from_splat: &work.gaussian_from_splat,
-            bounds: &scene.bounds,
-            gaussians: &gaussians,
-            evidence: &evidence,
-        };
+        let splat_ids = pipeline.splat_ids(work, camera);
+        let (gaussian_from_splat, bounds) = (&work.gaussian_from_splat, &scene.bounds);
+        let (view, groups) = (pipeline.view(camera), DispatchSize::Invocations(count.into()));
         let mut cmd = Commands::new(device)?;
-        let push = PickPush { view: pipeline.view(camera), first, count, pixel };
-        cmd.dispatch(&self.stage, bindings, push, DispatchSize::Invocations(count.into()));
+        match listed {
+            Listed::Portable(..) => {
+                let (splats, gaussians, evidence) = (&work.splats, &gaussians, &evidence);
+                let bindings = PickBindings { splat_ids, splats, gaussian_from_splat, bounds, gaussians, evidence };
+                cmd.dispatch(&self.stage, bindings, PickPush { view, first, count, pixel }, groups);
+            }
+            Listed::Rays(RaysFrame { tables, splats, .. }) => {
+                let (gaussians, evidence, rays) = (&gaussians, &evidence, &tables.lens.rays);
+                let bindings =
+                    PickRaysBindings { splat_ids, splats, gaussian_from_splat, bounds, gaussians, evidence, rays };
+                let pixel = pixel[1] * camera.size_px[0] + pixel[0];
+                let push = PickRaysPush { view, first, count, pixel, is_parallel: is_parallel(camera).into() };
+                cmd.dispatch(&self.along_rays, bindings, push, groups);
+            }
+        }
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let (gaussians, evidence) = (cmd.read(&gaussians)?, cmd.read(&evidence)?);
         let results = cmd.submit()?.wait()?;

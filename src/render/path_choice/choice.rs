@@ -14,9 +14,10 @@ use crate::options::Options;
 use crate::render::capacity::{Capacity, has_memory};
 use crate::render::fast::FastPipeline;
 use crate::render::frame::{Shot, Target, Variation};
-use crate::render::inspect::{Attribute, Inspector};
+use crate::render::inspect::{Attribute, Inspector, Listed};
 use crate::render::lod::{LodSelector, load_missing};
 use crate::render::path::{Limits, Path};
+use crate::render::portable::PortablePipeline;
 use crate::render::recorded::PagedCounts;
 use crate::render::scene::{GpuScene, SELF_TEST_GAUSSIANS};
 use crate::render::shaders::Totals;
@@ -92,9 +93,13 @@ impl PathChoice {
         self.fast.as_ref().map(|fast| &fast.pipeline)
     }
 
-    /// The portable path.
-    pub fn portable(&self) -> &PortableEngine {
-        &self.portable
+    /// The frame of `shot`, which was drawn with tile lists, and the pipeline of its sorts.
+    pub fn listed<'f>(&'f self, shot: Shot<'f>) -> (&'f PortablePipeline, Listed<'f>) {
+        let listed = match self.rays.as_ref().filter(|_| shot.camera.lens.is_some()) {
+            Some(rays) => Listed::Rays(rays.frame(shot)),
+            None => Listed::Portable(shot, &self.portable.work),
+        };
+        (self.portable.pipeline(), listed)
     }
 
     /// Makes the pipelines of both paths and of all forms of blocks at the same time: a driver compiles on the calling
@@ -224,7 +229,7 @@ impl PathChoice {
         attribute: Option<Attribute>,
     ) -> Result<Limits> {
         if shot.camera.lens.is_some() {
-            return self.prepare_rays(device, shot);
+            return self.prepare_rays(device, shot, needs_tile_lists);
         }
         let Self { fast, portable, options, selector, streamer, .. } = self;
         let gaussians = shot.scene.drawn_len(options);
@@ -242,9 +247,10 @@ impl PathChoice {
     }
 
     /// Likewise for a camera with a lens.
-    fn prepare_rays(&mut self, device: &Device, shot: Shot) -> Result<Limits> {
+    fn prepare_rays(&mut self, device: &Device, shot: Shot, needs_tile_lists: bool) -> Result<Limits> {
         let Self { fast, portable, rays, fast_rays, options, variation, .. } = self;
-        let can_draw = |fast: &&FastEngine| fast.pipeline.takes(shot.camera.size_px, shot.scene.len());
+        let can_draw =
+            |fast: &&FastEngine| !needs_tile_lists && fast.pipeline.takes(shot.camera.size_px, shot.scene.len());
         if let Some(fast) = fast.as_ref().filter(can_draw) {
             let rays = match fast_rays {
                 Some(rays) => rays,
@@ -276,7 +282,7 @@ impl PathChoice {
         inspector: Option<&Inspector>,
     ) -> Result<Option<PagedCounts>> {
         if let Some(rays) = self.rays.as_ref().filter(|_| limits.path == Path::Rays) {
-            rays.record(cmd, shot, target, &self.portable);
+            rays.record(cmd, shot, target, self.portable.pipeline(), inspector);
             return Ok(None);
         }
         if let (Some(fast), Some(rays), Path::FastRays) = (&self.fast, &self.fast_rays, limits.path) {
@@ -377,9 +383,13 @@ impl PathChoice {
         Ok(state.missing == 0)
     }
 
-    /// True if the portable path still holds the lists of a frame of these limits.
+    /// True if a path still holds the lists of tiles of a frame of these limits.
     pub fn holds(&self, limits: Limits) -> bool {
-        limits.path == Path::Portable && self.portable.work.capacity == limits.capacity
+        match limits.path {
+            Path::Portable => self.portable.work.capacity == limits.capacity,
+            Path::Rays => self.rays.as_ref().is_some_and(|rays| rays.capacity() == limits.capacity),
+            Path::Fast | Path::FastRays => false,
+        }
     }
 }
 

@@ -2,11 +2,11 @@
 
 use anyhow::Result;
 
-use super::portable_engine::PortableEngine;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::options::Options;
 use crate::render::capacity::{Capacity, length};
 use crate::render::frame::{Shot, Target, Variation, tiles};
+use crate::render::inspect::Inspector;
 use crate::render::path::{Limits, Path};
 use crate::render::portable::{PortablePipeline, PortableWorkspace};
 use crate::render::rays::{RayTables, RaysFrame, RaysPipeline};
@@ -56,14 +56,28 @@ impl RaysEngine {
         let cells = tiles(camera.size_px).iter().product::<u32>() as usize;
         self.fit(device, Capacity { gaussians: scene.len(), cells, ..Capacity::default() })?;
         let longest_list = portable.longest_list(self.passes);
-        // Frames along rays have no spans.
-        let capacity = Capacity { spans: u64::MAX, ..self.work.capacity };
-        Ok(Limits { path: Path::Rays, in_slabs: false, capacity, longest_list })
+        Ok(Limits { path: Path::Rays, in_slabs: false, capacity: self.capacity(), longest_list })
     }
 
-    /// Records a frame that was prepared.
-    pub fn record(&self, cmd: &mut Commands, shot: Shot, target: Target, portable: &PortableEngine) {
-        self.pipeline.record(cmd, portable.pipeline(), self.frame(shot), target, self.passes);
+    /// The capacity of a frame. Frames along rays have no spans.
+    pub fn capacity(&self) -> Capacity {
+        Capacity { spans: u64::MAX, ..self.work.capacity }
+    }
+
+    /// Records a frame that was prepared, which shows the quantity of `inspector` instead of colours if there is one.
+    pub fn record(
+        &self,
+        cmd: &mut Commands,
+        shot: Shot,
+        target: Target,
+        portable: &PortablePipeline,
+        inspector: Option<&Inspector>,
+    ) {
+        let (pipeline, frame) = (&self.pipeline, self.frame(shot));
+        match inspector {
+            None => pipeline.record(cmd, portable, frame, target, self.passes),
+            Some(inspector) => inspector.record_rays(cmd, (pipeline, portable), frame, target, self.passes),
+        }
     }
 
     /// The fewest bytes that every stage of a frame moves.
@@ -71,7 +85,8 @@ impl RaysEngine {
         self.pipeline.least_bytes(portable, self.frame(shot), totals)
     }
 
-    fn frame<'f>(&'f self, shot: Shot<'f>) -> RaysFrame<'f> {
+    /// A frame that was prepared.
+    pub fn frame<'f>(&'f self, shot: Shot<'f>) -> RaysFrame<'f> {
         let tables = self.tables.as_ref().expect("a frame along rays was prepared");
         RaysFrame { shot, tables, work: &self.work, splats: &self.splats }
     }

@@ -85,6 +85,13 @@ impl RaysPipeline {
         target: Target,
         passes: u32,
     ) {
+        self.record_splats(cmd, portable, frame);
+        let splat_ids = self.record_lists(cmd, portable, frame);
+        cmd.scope("blend", |cmd| self.blend(cmd, portable, frame, splat_ids, target, passes));
+    }
+
+    /// Records the stages up to the projection.
+    pub fn record_splats(&self, cmd: &mut Commands, portable: &PortablePipeline, frame: RaysFrame) {
         let RaysFrame { shot, work, .. } = frame;
         portable.clear(cmd, work);
         cmd.scope("cull", |cmd| {
@@ -94,6 +101,17 @@ impl RaysPipeline {
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, portable, frame));
+    }
+
+    /// Records the stages that list the splats of [`record_splats`](Self::record_splats) in tiles, by depth. Returns
+    /// the lists.
+    pub fn record_lists<'f>(
+        &self,
+        cmd: &mut Commands,
+        portable: &PortablePipeline,
+        frame: RaysFrame<'f>,
+    ) -> &'f Buffer<u32> {
+        let work = frame.work;
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let bits = depth_keys(frame.shot, &self.options).bits;
         let by_depth = cmd.scope("sort depths", |cmd| portable.sort_depths(cmd, work, bits));
@@ -102,8 +120,7 @@ impl RaysPipeline {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("list", |cmd| self.list(cmd, frame, splat_from_rank));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let splat_ids = portable.sort_lists(cmd, shot.camera, work);
-        cmd.scope("blend", |cmd| self.blend(cmd, portable, frame, splat_ids, target, passes));
+        portable.sort_lists(cmd, frame.shot.camera, work)
     }
 
     /// The fewest bytes that each stage moves through device memory, as [`PortablePipeline::least_bytes`].
@@ -200,7 +217,7 @@ impl RaysPipeline {
     }
 
     /// Blends every tile's list of `splat_ids` along the rays of its pixels.
-    fn blend(
+    pub fn blend(
         &self,
         cmd: &mut Commands,
         portable: &PortablePipeline,

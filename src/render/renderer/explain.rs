@@ -51,8 +51,8 @@ impl Renderer {
             (position as u32).min(drawn[i] - 1)
         });
         let shot = Shot { scene: &self.scene, camera: &camera.sampled(drawn) };
-        let portable = self.choice.portable();
-        let explained = picker.explain(&self.device, portable.pipeline(), shot, &portable.work, pixel)?;
+        let (pipeline, listed) = self.choice.listed(shot);
+        let explained = picker.explain(&self.device, pipeline, listed, pixel)?;
         if !has_tile_lists {
             // Restores the picture, to the last bit.
             self.render(&camera, background)?;
@@ -60,7 +60,7 @@ impl Renderer {
         Ok(explained)
     }
 
-    /// The view z of the splats that a pixel of the frame recorded last shows; `None` if it shows none. For a scene in
+    /// The depth of the splats that a pixel of the frame recorded last shows; `None` if it shows none. For a scene in
     /// pages it is the mean, weighted by the shares of the pixel. Waits for the device.
     ///
     /// # Errors

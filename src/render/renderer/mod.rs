@@ -7,6 +7,7 @@
 mod explain;
 mod reports;
 
+use std::fmt;
 use std::time::Duration;
 
 use anyhow::{Result, anyhow, bail, ensure};
@@ -62,8 +63,7 @@ struct Last {
 }
 
 /// The error where a picture through a lens has more than colours, or is of a scene that lenses do not see.
-#[derive(Debug, thiserror::Error)]
-#[error("a camera {} {why}; {}", kind(.model), remedy(.model))]
+#[derive(Debug)]
 pub struct UndrawableLens {
     /// The model of the lens; none for a pinhole along rays.
     pub model: Option<&'static str>,
@@ -71,12 +71,22 @@ pub struct UndrawableLens {
     pub why: &'static str,
 }
 
-fn kind(model: &Option<&str>) -> String {
-    model.map_or("along rays".to_owned(), |model| format!("with a lens ({model})"))
+impl UndrawableLens {
+    /// The sentence, with what the user can do about a lens, and about a pinhole along rays.
+    pub fn sentence(&self, [lens, pinhole]: [&str; 2]) -> String {
+        match self.model {
+            Some(model) => format!("a camera with a lens ({model}) {}; {lens}", self.why),
+            None => format!("a camera along rays {}; {pinhole}", self.why),
+        }
+    }
 }
 
-fn remedy(model: &Option<&str>) -> &'static str {
-    if model.is_some() { "--undistort draws a pinhole" } else { "--response screen draws projections" }
+impl std::error::Error for UndrawableLens {}
+
+impl fmt::Display for UndrawableLens {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.sentence(["--undistort draws a pinhole", "--response screen draws projections"]))
+    }
 }
 
 impl Renderer {
@@ -331,9 +341,11 @@ impl Renderer {
         let model = camera.lens.as_ref().map(|lens| lens.model());
         let camera = along_rays.as_ref().unwrap_or(camera);
         if camera.lens.is_some() {
-            let inspects = self.needs_tile_lists || inspector.or(self.inspector.as_ref()).is_some();
-            let why = self.undrawable_lens(inspects).map_or(Ok(()), Err);
+            let inspector = inspector.or(self.inspector.as_ref());
+            let why = self.undrawable_lens(inspector).map_or(Ok(()), Err);
             why.map_err(|why| UndrawableLens { model, why })?;
+            let layout = self.scene.layout();
+            inspector.map_or(Ok(()), |inspector| inspector.prepare_rays(&self.device, &self.options, layout))?;
         }
         match self.fit_images(camera.size_px) {
             Err(error) if error.is::<OutOfMemory>() => {
@@ -387,16 +399,19 @@ impl Renderer {
         Ok(Recorded { number, counted, limits: self.drawn })
     }
 
-    /// The reason why a camera with a lens cannot be drawn. `inspects`: the frame shows or explains more than colours.
-    fn undrawable_lens(&self, inspects: bool) -> Option<&'static str> {
+    /// The reason why a camera with a lens cannot be drawn.
+    fn undrawable_lens(&self, inspector: Option<&Inspector>) -> Option<&'static str> {
         if self.scene.is_placed() {
             return Some("sees no scenes at places");
         }
         if self.scene.is_paged() {
             return Some("sees only scenes that are in GPU memory as a whole, without levels of detail");
         }
-        let shows_more = inspects || self.certificate.is_some();
-        shows_more.then_some("has pictures without depths, counts, attributes, explanations and certificates")
+        if self.certificate.is_some() {
+            return Some("has pictures without certificates");
+        }
+        let suits = inspector.is_none_or(|inspector| inspector.inspection.suits_rays());
+        (!suits).then_some("has pictures without centres, outlines, isolated Gaussians and a culling camera")
     }
 
     /// Makes the images of a frame of this size.
