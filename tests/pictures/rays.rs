@@ -1,8 +1,8 @@
 //! Pictures of cameras with lenses against the reference, and pictures that must be equal.
 
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 
-use glam::{DMat3, DVec2};
+use glam::{DMat3, DVec2, DVec3};
 use smalto::camera::Camera;
 use smalto::measure::metrics::psnr;
 use smalto::options::Options;
@@ -11,8 +11,9 @@ use smalto::reference::{self, Pixel, Rendering};
 use smalto::render::{Capacity, GpuScene, Inspection, Path, Renderer, depths};
 use smalto::rules::{Background, Response, Rules};
 
+use crate::common::agree::ball;
 use crate::common::lens::{all, around, sphere, through};
-use crate::common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, compare, difference};
+use crate::common::{Gpu, ROUNDING, Random, again_in_subgroups_of_four, compare, difference, gaussians};
 
 const WHITE: Background = Background::Colour([1.0; 3]);
 /// dB.
@@ -231,6 +232,56 @@ fn a_quarter_turn_of_a_panorama_shifts_it_by_a_quarter_of_its_columns() {
     let shifted = |i: usize| before.rgba[i / 128 * 128 + (i + 96) % 128];
     let shifted = Pixels { size: before.size, rgba: (0..before.rgba.len()).map(shifted).collect() };
     assert!(psnr(&shifted, &after) > AGREES, "{} dB", psnr(&shifted, &after));
+}
+
+/// A scene without detail, in which footprints of pixels play no part.
+fn balls_around(camera: &Camera) -> smalto::scene::Gaussians {
+    let mut random = Random(13);
+    let one = |_| {
+        let direction = DVec3::from_array(std::array::from_fn(|_| random.between(-1.0, 1.0))).normalize();
+        let distance = random.between(2.0, 9.0);
+        let mean = (camera.position + distance * direction).to_array();
+        (ball(mean, distance * random.between(0.1, 0.3), 0.8), std::array::from_fn(|_| random.between(0.0, 1.0) as f32))
+    };
+    gaussians(&(0..150).map(one).collect::<Vec<_>>())
+}
+
+/// The pinholes look along the axes of the panorama, 96 degrees wide.
+#[test]
+fn a_panorama_shows_what_six_pinholes_along_rays_show() {
+    const SIDE: f64 = 160.0;
+    let gpu = Gpu::new();
+    let panorama = sphere([128, 64]);
+    let scene = balls_around(&panorama);
+    let rules = Rules { response: Response::Ray, ..Rules::TRAINED };
+    let mut still = renderer(&gpu, &scene, &Options { rules, ..Options::EXACT });
+    let whole = draw(&mut still, &panorama);
+    let turns = [0.0, 0.5, 1.0, 1.5].map(|turn| DMat3::from_rotation_y(PI * turn));
+    let turns = turns.into_iter().chain([-0.5, 0.5].map(|turn| DMat3::from_rotation_x(PI * turn)));
+    let faces: Vec<(Camera, Pixels)> = turns
+        .map(|turn| {
+            let plain = Camera::looking_at(panorama.position, DVec3::ZERO, [SIDE as u32; 2], 1.0);
+            let focal_px = DVec2::splat(SIDE / 2.0 / 48_f64.to_radians().tan());
+            let face = Camera { focal_px, rotation: turn * panorama.rotation, ..plain };
+            let pixels = draw(&mut still, &face);
+            (face, pixels)
+        })
+        .collect();
+    let seen = |i: usize| {
+        let place = DVec2::new((i % 128) as f64 + 0.5, (i / 128) as f64 + 0.5);
+        let point = panorama.unprojected(place, 5.0);
+        let aside = |at: &DVec2| (*at - SIDE / 2.0).abs().max_element();
+        let places = faces.iter().filter_map(|(face, pixels)| Some((face.projected(point)?.0, pixels)));
+        let (at, pixels) = places.min_by(|(a, _), (b, _)| aside(a).total_cmp(&aside(b))).unwrap();
+        let (low, part) = ((at - 0.5).floor(), (at - 0.5).fract().as_vec2());
+        let texel = |x: usize, y: usize| pixels.rgba[(low.y as usize + y) * SIDE as usize + low.x as usize + x];
+        let mix = |a: [f32; 4], b: [f32; 4], part: f32| std::array::from_fn(|i| a[i] + part * (b[i] - a[i]));
+        mix(mix(texel(0, 0), texel(1, 0), part.x), mix(texel(0, 1), texel(1, 1), part.x), part.y)
+    };
+    let resampled = Pixels { size: whole.size, rgba: (0..whole.rgba.len()).map(seen).collect() };
+    let db = psnr(&whole, &resampled);
+    println!("{db} dB");
+    assert!(db > 45.0, "{db} dB");
 }
 
 #[test]
