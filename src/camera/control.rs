@@ -1,17 +1,19 @@
 //! Navigation: orbiting around a point, panning, flying, and gliding to other views.
 
 use std::f64::consts::PI;
+use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use super::path::mixed;
-use super::{Camera, MAX_POSITION, MAX_SIDE, NamedCamera, Up};
+use super::{Camera, Lens, MAX_POSITION, MAX_SIDE, NamedCamera, Up};
 
 /// Default duration of a glide in seconds.
 pub const GLIDE_SECONDS: f64 = 0.3;
 
-/// Range of the horizontal field of view in degrees.
-pub const FIELDS_OF_VIEW: std::ops::RangeInclusive<f64> = 0.1..=179.0;
+/// Range of the horizontal field of view of a pinhole in degrees.
+pub const FIELDS_OF_VIEW: RangeInclusive<f64> = 0.1..=179.0;
 
 /// Smallest angle in radians between the viewing direction and straight up or down. Closer, the heading would be lost.
 const POLE: f64 = 0.1 * PI / 180.0;
@@ -85,8 +87,20 @@ impl Navigator {
         self.framing(self.centre, self.radius, size_px)
     }
 
-    /// The camera that shows the whole sphere of `radius` around `centre`.
+    /// The camera that shows the whole sphere of `radius` around `centre`, through the lens of the view. A central lens
+    /// keeps its field of view.
     fn framing(&self, centre: DVec3, radius: f64, size_px: [u32; 2]) -> Camera {
+        let pinhole = self.framing_pinhole(centre, radius, size_px);
+        let own = self.camera(size_px);
+        let Some(lens) = &own.lens else { return pinhole };
+        if lens.is_parallel() {
+            let focal_px = pinhole.focal_px / pinhole.position.distance(centre);
+            return Camera { focal_px, lens: own.lens, ..pinhole };
+        }
+        Camera { position: pinhole.position, rotation: pinhole.rotation, ..own }
+    }
+
+    fn framing_pinhole(&self, centre: DVec3, radius: f64, size_px: [u32; 2]) -> Camera {
         let camera = Camera::framing(centre, radius, sound_size(size_px));
         if self.up == Up::default() {
             return camera;
@@ -158,20 +172,39 @@ impl Navigator {
         }
     }
 
-    /// Horizontal field of view in degrees.
+    /// Horizontal field of view in degrees; of a parallel lens that of the pinhole that sees the same at the distance
+    /// of the pivot.
     pub fn field_of_view(&self) -> f64 {
-        let Camera { focal_px, size_px, .. } = &self.view.camera;
-        2.0 * (f64::from(size_px[0]) / 2.0 / focal_px.x).atan().to_degrees()
+        self.view.camera.field_of_view(self.view.pivot_view.length())
     }
 
-    /// Sets the horizontal field of view in degrees, clamped to [`FIELDS_OF_VIEW`]. The principal point and the shape
-    /// of the pixels stay.
+    /// The fields of view that the lens can have, in degrees.
+    pub fn fields_of_view(&self) -> RangeInclusive<f64> {
+        fields_of_view(&self.view.camera)
+    }
+
+    /// Sets the horizontal field of view in degrees, clamped to what the lens can have. The principal point and the
+    /// shape of the pixels stay.
     pub fn set_field_of_view(&mut self, degrees: f64) {
-        let half = degrees.clamp(*FIELDS_OF_VIEW.start(), *FIELDS_OF_VIEW.end()).to_radians() / 2.0;
-        let mut view = self.view.clone();
-        let focal = f64::from(view.camera.size_px[0]) / 2.0 / half.tan();
-        view.camera.focal_px *= focal / view.camera.focal_px.x;
-        self.go(view);
+        let View { camera, pivot_view } = &self.view;
+        let fields = self.fields_of_view();
+        let seeing = camera.seeing(degrees.clamp(*fields.start(), *fields.end()), pivot_view.length());
+        if let Some(camera) = seeing {
+            self.go(View { camera, ..self.view });
+        }
+    }
+
+    /// Looks through another lens; none is a pinhole. The field of view stays where the lens can have it; after a
+    /// panorama it is 90 degrees.
+    pub fn set_lens(&mut self, lens: Option<Arc<Lens>>) {
+        let View { camera, pivot_view } = &self.view;
+        let distance = pivot_view.length();
+        let was_sphere = camera.lens.as_ref().is_some_and(|lens| lens.is_sphere());
+        let degrees = if was_sphere { 90.0 } else { camera.field_of_view(distance) };
+        let camera = camera.with_lens(lens);
+        let fields = fields_of_view(&camera);
+        let seeing = camera.seeing(degrees.clamp(*fields.start(), *fields.end()), distance);
+        self.go(View { camera: seeing.unwrap_or(camera), ..self.view });
     }
 
     /// Orbits around the pivot, which keeps its place in the picture. A drag across the shorter side of the window
@@ -186,13 +219,20 @@ impl Navigator {
     pub fn look(&mut self, delta_px: DVec2, size_px: [u32; 2]) {
         let focal_px = self.camera(size_px).focal_px;
         let in_place = |view: &View, rotation| View { camera: Camera { rotation, ..view.camera.clone() }, ..*view };
+        let View { camera, pivot_view } = &self.view;
+        // A parallel lens turns as the pinhole that sees the same at the pivot.
+        let focal_px = if is_parallel(camera) { focal_px * pivot_view.length() } else { focal_px };
         self.turn(delta_px / focal_px, in_place);
     }
 
     /// Moves camera and pivot sideways, so that points at the depth of the pivot follow the pointer exactly.
     pub fn pan(&mut self, delta_px: DVec2, size_px: [u32; 2]) {
         let View { camera, pivot_view } = &self.view;
-        let depth = if pivot_view.z > 0.0 { pivot_view.z } else { pivot_view.length() };
+        let depth = match camera {
+            camera if is_parallel(camera) => 1.0,
+            _ if pivot_view.z > 0.0 => pivot_view.z,
+            _ => pivot_view.length(),
+        };
         let step_view = (delta_px * depth / self.camera(size_px).focal_px).extend(0.0);
         self.shift(-(camera.rotation.transpose() * step_view));
     }
@@ -205,9 +245,12 @@ impl Navigator {
         let (low, high) = ((self.radius * NEAREST).min(distance), (self.radius * FARTHEST).max(distance));
         let wanted = distance * DOLLY.powf(steps);
         if steps != 0.0 && !wanted.is_nan() {
-            let pivot_view = *pivot_view * (wanted.clamp(low, high) / distance);
+            let ratio = wanted.clamp(low, high) / distance;
+            let pivot_view = *pivot_view * ratio;
             let position = self.pivot() - camera.rotation.transpose() * pivot_view;
-            self.go(View { camera: Camera { position, ..camera.clone() }, pivot_view });
+            // Through a parallel lens, nothing grows by coming closer.
+            let focal_px = if is_parallel(camera) { camera.focal_px / ratio } else { camera.focal_px };
+            self.go(View { camera: Camera { position, focal_px, ..camera.clone() }, pivot_view });
         }
     }
 
@@ -288,7 +331,9 @@ impl Navigator {
 
     fn glide_towards(&mut self, to: View, seconds: f64) {
         if to.is_sound() {
-            self.glide = Some(Glide { from: self.view.clone(), to, elapsed: 0.0, seconds: seconds.max(0.0) });
+            // Nothing lies between two lenses.
+            let seconds = if to.camera.lens == self.view.camera.lens { seconds.max(0.0) } else { 0.0 };
+            self.glide = Some(Glide { from: self.view.clone(), to, elapsed: 0.0, seconds });
         }
     }
 
@@ -373,6 +418,21 @@ impl Glide {
             camera: mixed(&from, &self.to.camera, eased),
             pivot_view: self.from.pivot_view.lerp(self.to.pivot_view, eased),
         }
+    }
+}
+
+fn is_parallel(camera: &Camera) -> bool {
+    camera.lens.as_ref().is_some_and(|lens| lens.is_parallel())
+}
+
+/// The horizontal fields of view that the lens of a camera can have, in degrees.
+fn fields_of_view(camera: &Camera) -> RangeInclusive<f64> {
+    let low = *FIELDS_OF_VIEW.start();
+    match &camera.lens {
+        Some(lens) if lens.is_sphere() => 360.0..=360.0,
+        // A little less than where the lens ends, which it does not see.
+        Some(lens) if !lens.is_parallel() => low..=1.999 * lens.field().to_degrees(),
+        _ => FIELDS_OF_VIEW,
     }
 }
 

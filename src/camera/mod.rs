@@ -7,6 +7,7 @@
 //! - `dataparser` - `dataparser_transforms.json` of nerfstudio: from its `transforms.json` to the scene
 //! - `colmap` - sparse models of COLMAP
 //! - `lens` - lenses other than pinholes: where they see a direction, and the way back
+//! - `lens_choice` - the lenses that a user chooses, and fields of view
 //! - `footprint` - the directions that a pixel of a lens covers
 //! - `distortion` - notices of lenses that are drawn as pinholes
 //! - `path` - scripted paths: orbit, turn on the spot, keyframes
@@ -24,6 +25,7 @@ mod distortion;
 mod file;
 mod footprint;
 mod lens;
+mod lens_choice;
 mod nerfstudio_path;
 pub mod path;
 mod path_file;
@@ -41,6 +43,7 @@ pub use control::{FIELDS_OF_VIEW, GLIDE_SECONDS, Navigator};
 pub use file::{CameraFile, NamedCamera, Split};
 pub use footprint::Footprints;
 pub use lens::{FTheta, InPixels, Lens};
+pub use lens_choice::LensChoice;
 pub use read::{find, read, read_at};
 pub use timeline::{Key, Timeline};
 pub use up::Up;

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::ValueEnum;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use super::headings::{CAMERAS, MANY};
 use super::scenes::SceneArg;
 use super::values::whole;
 use super::{Usage, numbers, remark};
-use crate::camera::{self, Camera, CameraFile, Lens, MAX_POSITION, NamedCamera, Split, Timeline, Up};
+use crate::camera::{self, Camera, Lens, LensChoice, MAX_POSITION, NamedCamera, Split, Timeline, Up};
 use crate::procedural::{Procedural, TownPath};
 use crate::scene::{Focus, Unreadable};
 
@@ -49,7 +49,7 @@ impl SplitArg {
     /// Reads the cameras of the split. Those whose size is nowhere stated get the size `default_px`. Prints the notices
     /// of the reader to stderr.
     pub fn read(&self, file: &Path, default_px: Option<[u32; 2]>, lens: &LensArgs) -> Result<Numbered> {
-        let read = camera::read_at(file, default_px).and_then(|read| lens.applied(read));
+        let read = camera::read_at(file, default_px).and_then(|read| lens.choice().applied(read));
         let read = read.map_err(|problem| Unreadable::new(file, &problem))?;
         for notice in &read.notices {
             remark(&format!("note: {}: {notice}", file.display()));
@@ -132,57 +132,37 @@ impl LensArgs {
         Self { lens: None, undistort: true }
     }
 
-    /// The cameras of a file with their lenses, with those of the command line, or as pinholes.
-    fn applied(&self, mut read: CameraFile) -> Result<CameraFile> {
-        if self.undistort {
-            return read.into_pinholes();
+    pub fn choice(&self) -> LensChoice {
+        match &self.lens {
+            _ if self.undistort => LensChoice::Undistorted,
+            Some(NamedLens(lens)) => LensChoice::All(lens.clone()),
+            None => LensChoice::Own,
         }
-        read.cameras.iter_mut().for_each(|named| self.apply(&mut named.camera));
-        let notices = read.lens_notices();
-        read.notices.splice(0..0, notices);
-        Ok(read)
     }
 
     /// Gives a camera the lens of the command line, if there is one.
     pub fn apply(&self, camera: &mut Camera) {
-        let Some(NamedLens(lens)) = &self.lens else { return };
-        if lens.as_ref().is_some_and(|lens| lens.is_sphere()) {
-            [camera.focal_px, camera.centre_px] = Lens::sphere_px(DVec2::from(camera.size_px.map(f64::from)));
-        }
-        camera.lens.clone_from(lens);
+        self.choice().apply(camera);
     }
 
     /// The camera of `--eye` with the lens of the command line and this horizontal field of view. A parallel lens sees
     /// what the pinhole sees at `distance`.
     fn seeing(&self, pinhole: Camera, fov: f64, distance: f64) -> Result<Camera, Usage> {
-        let half_width = f64::from(pinhole.size_px[0]) / 2.0;
         let mut camera = pinhole;
         self.apply(&mut camera);
-        let Some(lens) = camera.lens.as_ref().filter(|lens| !lens.is_sphere()) else {
-            let is_possible = camera.lens.is_some() || fov <= WIDEST_PINHOLE;
+        let Some(lens) = camera.lens.clone() else {
             let why = || Usage(format!("--fov {fov}: a pinhole sees at most {WIDEST_PINHOLE} degrees: see --lens"));
-            return is_possible.then_some(camera).ok_or_else(why);
+            return (fov <= WIDEST_PINHOLE).then_some(camera).ok_or_else(why);
         };
-        if lens.is_parallel() {
-            camera.focal_px /= distance;
-            return Ok(camera);
-        }
-        let (sin, cos) = (fov.to_radians() / 2.0).sin_cos();
-        let edge = lens.plane(DVec3::new(sin, 0.0, cos)).ok_or_else(|| {
+        camera.seeing(fov, distance).ok_or_else(|| {
             let widest = 2.0 * lens.field().to_degrees();
             Usage(format!("--fov {fov}: the lens {} sees less than {widest:.1} degrees", lens.model()))
-        })?;
-        camera.focal_px = DVec2::splat(half_width / edge.x);
-        Ok(camera)
+        })
     }
 }
 
 fn parse_lens(text: &str) -> Result<NamedLens> {
-    let (model, parameters) = text.split_once(':').unwrap_or((text, ""));
-    let number = |text: &str| text.trim().parse::<f64>().with_context(|| format!("{text:?} is not a number"));
-    let parameters =
-        parameters.split(',').filter(|_| !parameters.is_empty()).map(number).collect::<Result<Vec<_>>>()?;
-    Ok(NamedLens(Lens::named(&model.to_uppercase(), &parameters)?.map(Arc::new)))
+    Ok(NamedLens(Lens::parse(text)?.map(Arc::new)))
 }
 
 /// A camera by its place, instead of one of a camera file.

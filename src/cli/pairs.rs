@@ -73,10 +73,12 @@ const COMMANDS: [Pairs; 10] = [
             RULES,
             ACCURACY,
             LEVELS,
+            LENS,
             "cameras photographs size fullscreen vsync preset compare compare-by look keys events offscreen screen \
              path target-fps no-panels follow",
         ],
         refused: &[
+            ("undistort", "lens"),
             ("follow", "offscreen screen path"),
             ("offscreen", "fullscreen vsync"),
             ("screen", "fullscreen vsync"),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-use super::cameras::along_path;
+use super::cameras::{LensArgs, along_path};
 use super::devices::DeviceArgs;
 use super::environment::Environment;
 use super::headings::{ACCURACY, CAMERAS, MEASURING};
@@ -41,6 +41,8 @@ pub(super) struct Args {
     /// Camera file [default: found next to the first scene or above it]
     #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR")]
     cameras: Option<PathBuf>,
+    #[command(flatten)]
+    lens: LensArgs,
     /// Folder with the photographs of the cameras, by their names
     ///
     /// By default, a folder `images` beside the camera file or above it.
@@ -187,6 +189,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         scenes: args.scenes.clone(),
         reading: args.reading.reading()?,
         cameras: args.cameras.clone(),
+        lenses: args.lens.choice(),
         photographs: args.photographs.clone(),
         options,
         antialiased_is_explicit: args.knobs.has("antialiased"),
@@ -238,7 +241,9 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     let path = match (&args.path, args.scenes.first()) {
         (Some(path), Some(scene)) => {
             let scene = SceneArg { scene: scene.clone(), reading: args.reading };
-            along_path(path, Some(&PATH_FPS.into()), || scene.town(), size)?.0
+            let mut cameras = along_path(path, Some(&PATH_FPS.into()), || scene.town(), size)?.0;
+            cameras.iter_mut().for_each(|named| args.lens.apply(&mut named.camera));
+            cameras
         }
         (Some(_), None) => return Err(Usage("--path needs a scene".to_owned()).into()),
         (None, _) => Vec::new(),

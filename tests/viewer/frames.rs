@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use crate::common::Gpu;
-use smalto::camera::{self, NamedCamera};
+use smalto::camera::{self, LensChoice, NamedCamera};
 use smalto::formats::Reading;
 use smalto::measure::metrics::max_error;
 use smalto::options::Options;
@@ -20,6 +20,7 @@ pub(super) fn setup(scenes: &[&str]) -> Setup {
     Setup {
         scenes: scenes.iter().map(PathBuf::from).collect(),
         cameras: None,
+        lenses: LensChoice::Own,
         photographs: None,
         options: Options::default(),
         antialiased_is_explicit: false,
@@ -53,7 +54,7 @@ pub(super) fn shown(offscreen: &mut Offscreen) -> Pixels {
 }
 
 /// What `render` makes of the same, in 8 bits.
-fn rendered(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
+pub(super) fn rendered(gpu: &Gpu, offscreen: &mut Offscreen, options: &Options) -> Pixels {
     let gaussians = offscreen.session.pair.first.as_ref().unwrap().gaussians.clone().unwrap();
     let pixels = gpu.render(&gaussians, &offscreen.viewer().view.camera(), options);
     let byte = |v: u8| f32::from(v) / 255.0;
@@ -220,7 +221,7 @@ fn a_copied_view_is_restored_bit_for_bit() {
 }
 
 /// A page file with levels of detail of a small scene.
-fn levels(folder: &std::path::Path) -> PathBuf {
+pub(super) fn levels(folder: &std::path::Path) -> PathBuf {
     let output = folder.join("levels.smalto");
     let settings = Settings { has_levels: true, ..Settings::default() };
     let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };

@@ -7,6 +7,7 @@ mod edits;
 mod file_watch;
 mod frames;
 mod interaction;
+mod lenses;
 mod monkey;
 mod motion;
 mod navigator;

@@ -342,7 +342,7 @@ impl Renderer {
         let camera = along_rays.as_ref().unwrap_or(camera);
         if camera.lens.is_some() {
             let inspector = inspector.or(self.inspector.as_ref());
-            let why = self.undrawable_lens(inspector).map_or(Ok(()), Err);
+            let why = self.undrawable_lens(inspector.map(|inspector| &inspector.inspection)).map_or(Ok(()), Err);
             why.map_err(|why| UndrawableLens { model, why })?;
             let layout = self.scene.layout();
             inspector.map_or(Ok(()), |inspector| inspector.prepare_rays(&self.device, &self.options, layout))?;
@@ -399,8 +399,17 @@ impl Renderer {
         Ok(Recorded { number, counted, limits: self.drawn })
     }
 
+    /// The reason why pictures of a camera cannot show an inspection; `None` if they can.
+    pub fn refused(&self, camera: &Camera, inspection: &Inspection) -> Option<UndrawableLens> {
+        let model = camera.lens.as_ref().map(|lens| lens.model());
+        if model.is_none() && self.options.rules.response == Response::Screen {
+            return None;
+        }
+        self.undrawable_lens(Some(inspection)).map(|why| UndrawableLens { model, why })
+    }
+
     /// The reason why a camera with a lens cannot be drawn.
-    fn undrawable_lens(&self, inspector: Option<&Inspector>) -> Option<&'static str> {
+    fn undrawable_lens(&self, inspection: Option<&Inspection>) -> Option<&'static str> {
         if self.scene.is_placed() {
             return Some("sees no scenes at places");
         }
@@ -410,7 +419,7 @@ impl Renderer {
         if self.certificate.is_some() {
             return Some("has pictures without certificates");
         }
-        let suits = inspector.is_none_or(|inspector| inspector.inspection.suits_rays());
+        let suits = inspection.is_none_or(Inspection::suits_rays);
         (!suits).then_some("has pictures without centres, outlines, isolated Gaussians and a culling camera")
     }
 

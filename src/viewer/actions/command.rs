@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::camera::LensChoice;
 use crate::options::{Group, KNOBS, Knob, Options};
 use crate::rules::Background;
 use crate::viewer::model::{
@@ -88,11 +89,15 @@ impl Viewer {
     fn camera_words(&self, left_out: &mut Vec<String>) -> Vec<String> {
         if let (Some(index), Some(file)) = (self.view.camera_index, &self.cameras.file) {
             let file = file.display().to_string();
-            return ["--cameras".to_owned(), file, "--camera".to_owned(), index.to_string()].into();
+            let mut words: Vec<String> =
+                ["--cameras".to_owned(), file, "--camera".to_owned(), index.to_string()].into();
+            words.extend(self.lens_words());
+            return words;
         }
         let view = self.view.camera();
         let centre = view.centre_px - glam::DVec2::from(view.size_px.map(|side| f64::from(side) / 2.0));
-        if centre.abs().max_element() > 1e-6 || view.focal_px.x != view.focal_px.y {
+        let is_sphere = view.lens.as_ref().is_some_and(|lens| lens.is_sphere());
+        if !is_sphere && (centre.abs().max_element() > 1e-6 || view.focal_px.x != view.focal_px.y) {
             left_out.push("the principal point or the shape of the pixels".to_owned());
         }
         let point = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
@@ -100,10 +105,24 @@ impl Viewer {
         let target = view.position + view.forward() * view.position.distance(self.view.navigator.pivot()).max(1e-6);
         let up = -view.rotation.row(1);
         let fov = self.view.navigator.field_of_view();
+        let lens = view.lens.iter().flat_map(|lens| ["--lens".to_owned(), lens.text()]);
         ["--eye".to_owned(), point(view.position), "--target".to_owned(), point(target)]
             .into_iter()
             .chain(["--camera-up".to_owned(), point(up), "--fov".to_owned(), fov.to_string()])
+            .chain(lens)
             .collect()
+    }
+
+    /// The lenses of all cameras.
+    fn lens_words(&self) -> Vec<String> {
+        match &self.setup.lenses {
+            LensChoice::Own => Vec::new(),
+            LensChoice::All(lens) => {
+                let text = lens.as_ref().map_or("PINHOLE".to_owned(), |lens| lens.text());
+                vec!["--lens".to_owned(), text]
+            }
+            LensChoice::Undistorted => vec!["--undistort".to_owned()],
+        }
     }
 
     /// Options of `smalto view` for cameras, view mode and comparison.
@@ -113,6 +132,8 @@ impl Viewer {
         if let Some(file) = &self.cameras.file {
             add("--cameras", &file.display().to_string());
         }
+        words.extend(self.lens_words());
+        let mut add = |flag: &str, value: &str| words.extend([flag.to_owned(), value.to_owned()]);
         if self.inspector.settings.mode != 0 {
             add("--look", self.inspector.settings.view_mode().name);
         }

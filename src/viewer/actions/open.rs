@@ -76,7 +76,8 @@ impl Viewer {
         let path = path.to_owned();
         let file = path.clone();
         self.cameras.are_loading = true;
-        let read = move || crate::camera::read(&file).and_then(CameraFile::into_pinholes);
+        let lenses = self.setup.lenses.clone();
+        let read = move || crate::camera::read(&file).and_then(|read| lenses.applied(read));
         self.jobs.start(move |_| read(), move |cameras| JobEvent::Cameras(path, origin, cameras));
     }
 

@@ -1,7 +1,10 @@
 //! Actions that move the view: to scenes, to cameras of the file, and to copied views.
 
+use std::sync::Arc;
+
 use glam::{DVec2, DVec3};
 
+use crate::camera::{Lens, LensChoice};
 use crate::scene::Focus;
 use crate::viewer::model::{Action, Event, Layer, LoadedScene, Request, Viewer, WindowRequest};
 
@@ -20,6 +23,9 @@ impl Viewer {
             let nearest = distance as f32 / 100.0;
             self.view.near_limit = Some(nearest);
             self.options.rules.near = self.setup.options.rules.near.min(nearest);
+        }
+        if let LensChoice::All(lens) = &self.setup.lenses {
+            self.view.navigator.set_lens(lens.clone());
         }
         if !self.go_to_project() {
             self.go_to_camera(0, true);
@@ -121,7 +127,7 @@ impl Viewer {
 
     /// Goes to a view that was copied as JSON.
     pub fn paste_view(&mut self, text: &str) {
-        match crate::camera::from_json(text).and_then(|camera| camera.undistorted()) {
+        match crate::camera::from_json(text) {
             Ok(camera) => {
                 self.view.snap(&camera);
                 self.pictures.are_stale = true;
@@ -148,8 +154,24 @@ impl Viewer {
         self.view.navigator.focus(point);
     }
 
-    /// Makes the view flat, or perspective again.
+    /// Looks through the lens of a text of [`Lens::parse`], or says why there is none.
+    pub fn set_lens(&mut self, text: &str) {
+        match Lens::parse(text) {
+            Ok(lens) => {
+                self.record_undo_step();
+                self.view.navigator.set_lens(lens.map(Arc::new));
+                self.view.camera_index = None;
+                self.pictures.are_stale = true;
+            }
+            Err(problem) => self.messages.error(format!("the lens {text}: {problem:#}")),
+        }
+    }
+
+    /// Makes the view flat, or perspective again. A flat view has no lens.
     pub fn toggle_flat(&mut self) {
+        if self.view.camera().lens.is_some() {
+            self.view.navigator.set_lens(None);
+        }
         self.view.toggle_flat();
         self.pictures.are_stale = true;
     }

@@ -7,7 +7,8 @@ use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
 use super::job_events;
 use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
-use crate::render::{Compare, Quantity};
+use crate::render::{Compare, Inspection, Quantity};
+use crate::rules::Response;
 use crate::viewer::model::{CompareTarget, Event, InspectionSettings, Pair, Side, Viewer, WindowRequest, needs_whole};
 use crate::viewer::panels;
 
@@ -274,6 +275,10 @@ impl Session {
 
     fn draw(&mut self) -> Result<()> {
         let (camera, background) = (self.viewer.view.camera(), self.viewer.view.background);
+        let inspection = self.viewer.inspector.settings.inspection();
+        if self.pair.drawn().any(|(_, drawn)| drawn.renderer.refused(&camera, &inspection).is_some()) {
+            return Ok(()); // the picture by other options is being made
+        }
         // At a new size no older picture can be shown in place of an incomplete frame, so the frame must be complete.
         for (_, drawn) in self.pair.drawn() {
             if drawn.renderer.size() != camera.size_px {
@@ -299,6 +304,7 @@ impl Session {
             let InspectionSettings { mode, culled_from, isolated, .. } = &mut self.viewer.inspector.settings;
             (*mode, *culled_from, *isolated) = (0, None, None);
         }
+        self.avoid_what_rays_do_not_show(&inspection);
         for (side, drawn) in self.pair.drawn() {
             has_changed |= self.viewer.inspector.settings.apply(side, drawn)?;
         }
@@ -313,6 +319,34 @@ impl Session {
             self.viewer.events.emit(&Event::Look { look: self.viewer.inspector.settings.view_mode().name.to_owned() });
         }
         Ok(())
+    }
+
+    /// Goes back to what can be drawn, with a message, where rays cannot show the scene or the look.
+    fn avoid_what_rays_do_not_show(&mut self, inspection: &Inspection) {
+        let camera = self.viewer.view.camera();
+        let plain = Inspection::default();
+        let mut refused =
+            |inspection| self.pair.drawn().find_map(|(_, drawn)| drawn.renderer.refused(&camera, inspection));
+        let (of_look, of_scene) = (refused(inspection), refused(&plain));
+        let Some(refused) = of_look else { return };
+        let Viewer { inspector, view, options, messages, .. } = &mut self.viewer;
+        let remedy = if of_scene.is_none() {
+            let InspectionSettings { mode, culled_from, isolated, .. } = &mut inspector.settings;
+            (*mode, *culled_from, *isolated) = (0, None, None);
+            "colours are shown"
+        } else if camera.lens.is_some() {
+            view.navigator.set_lens(None);
+            view.camera_index = None;
+            "the view is a pinhole"
+        } else {
+            options.rules.response = Response::Screen;
+            "the response is screen"
+        };
+        let sentence = refused.sentence([remedy, remedy]);
+        if !messages.shown().iter().any(|message| message.text == sentence) {
+            messages.error(sentence);
+        }
+        self.viewer.pictures.are_stale = true;
     }
 
     /// Takes the results of finished frames; returns true if there were any. With `wait`, waits for all frames.

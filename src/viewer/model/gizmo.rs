@@ -31,8 +31,11 @@ pub struct Gizmo {
 }
 
 impl Gizmo {
-    /// The handles around a point; `None` if the point is not in front of the camera.
+    /// The handles around a point; `None` if the point is not in front of the camera, or the rays are parallel.
     pub fn new(view: &Camera, centre: DVec3) -> Option<Self> {
+        if view.lens.as_ref().is_some_and(|lens| lens.is_parallel()) {
+            return None;
+        }
         let depth = view.view(centre).z;
         let side = f64::from(view.size_px[0].min(view.size_px[1]));
         let length = LENGTH * side * depth / view.focal_px.x;

@@ -107,7 +107,10 @@ impl Plan {
         if generation.is_some() {
             renderer.enable_page_streaming()?;
         }
-        let frame = renderer.render(view, background)?;
+        // Where rays cannot show the scene, the window goes back to a pinhole, with a message.
+        let is_refused = view.lens.is_some() && renderer.refused(view, &Inspection::default()).is_some();
+        let pinhole = is_refused.then(|| view.with_lens(None));
+        let frame = renderer.render(pinhole.as_ref().unwrap_or(view), background)?;
         let path = renderer.path();
         // Inspection and explanations then need not wait for pipelines.
         if !self.is_paged() {

@@ -140,7 +140,7 @@ impl Project {
     }
 
     pub fn view(&self) -> Result<Camera> {
-        from_json(&self.view.to_string()).and_then(|view| view.undistorted()).context("its view")
+        from_json(&self.view.to_string()).context("its view")
     }
 
     pub fn path(&self) -> Result<Timeline> {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::comparison::CompareMode;
 use super::keys::Bindings;
+use crate::camera::LensChoice;
 use crate::formats::Reading;
 use crate::gpu::Vsync;
 use crate::options::Options;
@@ -15,6 +16,8 @@ pub struct Setup {
     /// Applies to `scenes`. Scenes that are opened later are read with the defaults.
     pub reading: Reading,
     pub cameras: Option<PathBuf>,
+    /// The lenses of all cameras, and of the first view where there are none.
+    pub lenses: LensChoice,
     /// Folder with the photographs of the cameras.
     pub photographs: Option<PathBuf>,
     pub options: Options,

@@ -1,12 +1,14 @@
 //! The view panel: cameras of the file, field of view, near plane, up axis, vsync, background.
 
-use egui::{ComboBox, DragValue, Grid, Slider, Ui};
+use egui::{ComboBox, DragValue, Grid, Slider, TextEdit, Ui};
 
-use crate::camera::{FIELDS_OF_VIEW, Up};
+use crate::camera::Up;
 use crate::gpu::Vsync;
 use crate::rules::Background;
 use crate::viewer::actions::Program;
 use crate::viewer::model::{Action, Request, Viewer, WindowRequest};
+
+const PINHOLE: &str = "PINHOLE";
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     cameras(viewer, ui);
@@ -16,11 +18,16 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         ui.label("Field of view");
         let mut degrees = viewer.view.navigator.field_of_view();
         // Few views are narrower than a degree, so the slider gives them little room.
-        let slider = Slider::new(&mut degrees, FIELDS_OF_VIEW).suffix("°").logarithmic(true).smallest_positive(5.0);
+        let slider = Slider::new(&mut degrees, viewer.view.navigator.fields_of_view())
+            .suffix("°")
+            .logarithmic(true)
+            .smallest_positive(5.0);
         if ui.add(slider).on_hover_text("Horizontal, in degrees").changed() {
             viewer.view.navigator.set_field_of_view(degrees);
             viewer.view.camera_index = None;
         }
+        ui.end_row();
+        lens(viewer, ui);
         ui.end_row();
         ui.label("Near plane");
         let near = &mut viewer.options.rules.near;
@@ -90,6 +97,37 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         });
         menu.response.on_hover_text(format!("The command line that draws this view ({} for render)", keys[2]));
     });
+}
+
+/// The lens as a text of `--lens`, and the lenses without numbers to choose from.
+fn lens(viewer: &mut Viewer, ui: &mut Ui) {
+    ui.label("Lens");
+    let own = viewer.view.camera().lens.map_or_else(|| PINHOLE.to_owned(), |lens| lens.text());
+    let id = ui.id().with("lens");
+    let mut text = ui.data(|data| data.get_temp::<String>(id)).unwrap_or_else(|| own.clone());
+    let mut wanted = None;
+    ui.horizontal(|ui| {
+        let hint = "The name of a model and its numbers, as of smalto render --lens, like OPENCV:-0.1,0.01,0,0";
+        let field = ui.add(TextEdit::singleline(&mut text).desired_width(130.0)).on_hover_text(hint);
+        if field.has_focus() {
+            ui.data_mut(|data| data.insert_temp(id, text.clone()));
+        }
+        if field.lost_focus() {
+            ui.data_mut(|data| data.remove::<String>(id));
+            wanted = Some(text);
+        }
+        ui.menu_button("…", |ui| {
+            for name in [PINHOLE, "FISHEYE", "EQUIRECTANGULAR", "ORTHOGRAPHIC"] {
+                if ui.button(name).clicked() {
+                    wanted = Some(name.to_owned());
+                    ui.close();
+                }
+            }
+        });
+    });
+    if let Some(text) = wanted.filter(|text| *text != own) {
+        viewer.set_lens(&text);
+    }
 }
 
 fn cameras(viewer: &mut Viewer, ui: &mut Ui) {

@@ -7,6 +7,9 @@ use super::overlay::painter;
 use crate::camera::Camera;
 use crate::viewer::model::Viewer;
 
+/// Parts of a segment that is drawn as a curve.
+const PARTS: u32 = 12;
+
 /// Draws lines and points in world space over the picture.
 pub(super) struct WorldPainter {
     view: Camera,
@@ -20,8 +23,11 @@ impl WorldPainter {
         Self { view: viewer.view.camera(), painter: painter(ui), points: f64::from(ui.ctx().pixels_per_point()) }
     }
 
-    /// A segment, clipped to the half-space in front of the camera.
+    /// A segment, clipped to the half-space in front of a pinhole; through a lens, a curve.
     pub fn line(&self, [a, b]: [DVec3; 2], stroke: Stroke) {
+        if self.view.lens.is_some() {
+            return self.curve((0..=PARTS).map(|i| a.lerp(b, f64::from(i) / f64::from(PARTS))), stroke);
+        }
         let near = 1e-3 * (a - b).length();
         let [a_z, b_z] = [a, b].map(|place| self.view.view(place).z);
         if a_z <= near && b_z <= near {
@@ -35,6 +41,20 @@ impl WorldPainter {
         }
     }
 
+    /// The curve through points of the world, without the parts that leave the picture on one side and come back on
+    /// the other.
+    fn curve(&self, places: impl Iterator<Item = DVec3>, stroke: Stroke) {
+        let seen: Vec<Option<Pos2>> = places.map(|place| self.position(place)).collect();
+        let farthest = (f64::from(self.view.size_px[0]) / self.points / 2.0) as f32;
+        for pair in seen.windows(2) {
+            if let [Some(a), Some(b)] = *pair
+                && a.distance(b) < farthest
+            {
+                self.painter.line_segment([a, b], stroke);
+            }
+        }
+    }
+
     /// A point with a name beside it, if it is in front of the camera.
     pub fn dot(&self, place: DVec3, radius: f32, colour: Color32, name: &str) {
         let Some(at) = self.position(place) else { return };
@@ -45,8 +65,11 @@ impl WorldPainter {
         }
     }
 
-    /// The frustum of a camera, up to this view z.
+    /// The frustum of a camera, up to this depth: of a lens with bent borders, where it sees something.
     pub fn frustum(&self, camera: &Camera, deep: f64, stroke: Stroke) {
+        if camera.lens.is_some() {
+            return self.bent_frustum(camera, deep, stroke);
+        }
         let corner = |[x, y]: [f64; 2]| {
             let place = DVec2::new(x, y) * DVec2::from(camera.size_px.map(f64::from));
             camera.unprojected(place, deep)
@@ -55,6 +78,23 @@ impl WorldPainter {
         for i in 0..4 {
             self.line([corners[i], corners[(i + 1) % 4]], stroke);
             self.line([camera.position, corners[i]], stroke);
+        }
+    }
+
+    fn bent_frustum(&self, camera: &Camera, deep: f64, stroke: Stroke) {
+        let size = DVec2::from(camera.size_px.map(f64::from));
+        let corners = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y].map(|corner| corner * size);
+        for i in 0..4 {
+            let (from, to) = (corners[i], corners[(i + 1) % 4]);
+            let border = (0..=PARTS).map(|k| from.lerp(to, f64::from(k) / f64::from(PARTS)));
+            let border: Vec<DVec3> = border.map(|place| camera.unprojected(place, deep)).collect();
+            for pair in border.windows(2).filter(|pair| pair.iter().all(|place| place.is_finite())) {
+                self.line([pair[0], pair[1]], stroke);
+            }
+            let corner = border[0];
+            if corner.is_finite() {
+                self.line([camera.unprojected(from, 0.0), corner], stroke);
+            }
         }
     }
 
