@@ -9,8 +9,9 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from ._cuda import Frames, bring, is_same_device, update
+from ._lenses import Lenses
 from ._meta import Meta, is_tensor, of_covariances, projected, projector
-from ._smalto import MAX_SH_DEGREE, Camera, Error, Renderer, Scene, device_for_cuda
+from ._smalto import MAX_SH_DEGREE, Error, Renderer, Scene, device_for_cuda
 
 # An array of NumPy or a tensor of PyTorch.
 _Array = TypeVar("_Array")
@@ -154,7 +155,7 @@ def rasterization(
     rasterize_mode: Literal["classic", "antialiased"] = "classic",
     channel_chunk: int = 32,
     distributed: bool = False,
-    camera_model: Literal["pinhole"] = "pinhole",
+    camera_model: Literal["pinhole", "ortho", "fisheye", "ftheta"] = "pinhole",
     segmented: bool = False,
     covars: Any = None,
     with_ut: bool = False,
@@ -162,10 +163,10 @@ def rasterization(
     return_normals: bool = False,
     global_z_order: bool = True,
     rays: None = None,
-    radial_coeffs: None = None,
-    tangential_coeffs: None = None,
-    thin_prism_coeffs: None = None,
-    ftheta_coeffs: None = None,
+    radial_coeffs: Any = None,
+    tangential_coeffs: Any = None,
+    thin_prism_coeffs: Any = None,
+    ftheta_coeffs: Any = None,
     lidar_coeffs: None = None,
     external_distortion_coeffs: None = None,
     rolling_shutter: Any = None,
@@ -196,28 +197,34 @@ def rasterization(
     radius_clip: splats whose radii are not larger, in pixels, are left out. covars (..., N, 3, 3): in the place of
         `quats` and `scales`.
 
+    camera_model: pinhole, ortho, fisheye or ftheta. radial_coeffs (..., C, 6) of pinhole, (..., C, 4) of fisheye;
+        tangential_coeffs (..., C, 2) and thin_prism_coeffs (..., C, 4) of pinhole; ftheta_coeffs, an object of gsplat,
+        of ftheta. They need `with_ut` and `with_eval3d`, which are both True or both False. All but plain pinholes are
+        drawn along the rays of their pixels, as RGB, with a low-pass of 0.3 px^2; fisheye, ftheta and distorted
+        cameras in the order of the distance, which `near_plane` and `far_plane` are, too. The scene lies within
+        `far_plane`.
+
     packed and tile_size are those of `meta`. sparse_grad, absgrad, channel_chunk, segmented and ut_params change no
-    picture and are ignored. What is not drawn is refused by name: another eps2d, other camera models, distances along
-    rays (d, Ed, RGB-d, RGB-Ed), distortion, rolling shutter, normals, signals beside the colors, several ranks.
+    picture and are ignored. What is not drawn is refused by name: another eps2d, distances along rays (d, Ed,
+    RGB-d, RGB-Ed), the unscented transform alone, rolling shutter, normals, signals beside the colors, several ranks.
 
     Returns colors (..., C, height, width, X) and alphas (..., C, height, width, 1) in float32, and a mapping `meta`
     with gsplat's keys, whose values are computed when they are read: `help(type(meta))`. The scene of the last call
     stays on the device, with a copy of its arrays, and is used again if they are equal; `release` frees both.
     Errors: TypeError, ValueError, and smalto.Error where a gradient is expected.
     """
+    coefficients = {
+        "radial_coeffs": radial_coeffs,
+        "tangential_coeffs": tangential_coeffs,
+        "thin_prism_coeffs": thin_prism_coeffs,
+    }
+    lenses = Lenses(camera_model, with_ut, with_eval3d, coefficients, ftheta_coeffs)
     refused = {
         "eps2d": not math.isclose(eps2d, 0.3),
         "distributed": bool(distributed),
-        "camera_model": camera_model != "pinhole",
-        "with_ut": bool(with_ut),
-        "with_eval3d": bool(with_eval3d),
         "return_normals": bool(return_normals),
-        "global_z_order": not global_z_order,
+        "global_z_order": not global_z_order and lenses.has_order_of_z,
         "rays": rays is not None,
-        "radial_coeffs": radial_coeffs is not None,
-        "tangential_coeffs": tangential_coeffs is not None,
-        "thin_prism_coeffs": thin_prism_coeffs is not None,
-        "ftheta_coeffs": ftheta_coeffs is not None,
         "lidar_coeffs": lidar_coeffs is not None,
         "external_distortion_coeffs": external_distortion_coeffs is not None,
         "rolling_shutter": getattr(rolling_shutter, "name", "GLOBAL") != "GLOBAL",
@@ -227,11 +234,13 @@ def rasterization(
         "renderer_config": type(renderer_config).__name__ not in ("NoneType", "RendererConfig_MixedBatch"),
     }
     for name in (name for name, is_set in refused.items() if is_set):
-        raise ValueError(f"{name}: smalto draws pinhole cameras with gsplat's default for {name} only")
+        raise ValueError(f"{name}: smalto draws with gsplat's default for {name} only")
     _one_of("rasterize_mode", rasterize_mode, ["classic", "antialiased"])
     if render_mode in ("d", "Ed", "RGB-d", "RGB-Ed"):
         raise ValueError(f"render_mode: {render_mode} is a distance along rays, which needs gsplat's with_eval3d")
     _one_of("render_mode", render_mode, ["RGB", "D", "ED", "RGB+D", "RGB+ED"])
+    if not lenses.is_pinhole:
+        _checked_for_lenses(lenses, render_mode, sh_degree, radius_clip)
     size = (_whole("width", width, 1), _whole("height", height, 1))
     tile_size = _TILE if tile_size is None else _whole("tile_size", tile_size, 1)
     if sh_degree is not None:
@@ -256,9 +265,10 @@ def rasterization(
         "Ks": Ks,
         "backgrounds": backgrounds,
         "covars": covars,
+        **coefficients,
     }
     result, arrays = _checked_kind({name: values for name, values in arrays.items() if values is not None})
-    batch = _checked_shapes(arrays, sh_degree)
+    batch = _checked_shapes(arrays, sh_degree, lenses.sizes)
     if covars is not None:
         arrays["quats"], arrays["scales"] = of_covariances(arrays.pop("covars"))
     count, cameras = math.prod(batch), arrays["viewmats"].shape[-3]
@@ -277,10 +287,12 @@ def rasterization(
     shapes = [(count, cameras, size[1], size[0], n) for n in (channels + (depth_mode is not None), 1)]
     timings = []
     with _lock:
-        canvas = _canvas(options, arrays["means"], shapes)
+        # Pictures through lenses come over the host.
+        canvas = _canvas(options, arrays["means"], shapes) if lenses.is_pinhole else _Host(*shapes)
         for b in range(count):
             one = {name: values[b] for name, values in scenes.items()}
-            _draw(one, options, size, sh_degree, (near_plane, far_plane, radius_clip), depth_mode, (canvas, b, timings))
+            limits, into = (near_plane, far_plane, radius_clip), (canvas, b, timings)
+            _draw(one, options, size, sh_degree, limits, depth_mode, lenses, into)
     colors, alphas = canvas.colors, canvas.alphas
     if backgrounds is not None:
         ground = scenes["backgrounds"] if isinstance(canvas, _Device) else _host(scenes["backgrounds"])
@@ -295,8 +307,8 @@ def rasterization(
         "n_cameras": cameras,
         "timings": timings,
     }
-    project = projector(scenes, batch, size, (near_plane, far_plane), radius_clip, rasterize_mode == "antialiased")
-    meta = Meta(known, project, bool(packed))
+    rules = ((near_plane, far_plane), radius_clip, rasterize_mode == "antialiased")
+    meta = Meta(known, projector(scenes, batch, size, *rules) if lenses.is_pinhole else None, bool(packed))
     return result(colors.reshape(*batch, *colors.shape[1:])), result(alphas.reshape(*batch, *alphas.shape[1:])), meta
 
 
@@ -307,17 +319,19 @@ def release() -> None:
         _kept = None
 
 
-def _draw(one, options, size, sh_degree, limits, depth_mode, into):
+def _draw(one, options, size, sh_degree, limits, depth_mode, lenses, into):
     """Draws the views of one scene: a picture for every three channels, and one more scene for every camera that leaves
     out what lies beyond the far plane or is too small, or has its own spherical harmonics."""
     canvas, b, timings = into
     drawn, alphas = canvas.colors[b], canvas.alphas[b]
-    poses, intrinsics = _host(one["viewmats"]), _host(one["Ks"])
-    views = [Camera._as_given(K, size, pose) for K, pose in zip(intrinsics, poses)]
+    seen_from = {name: _host(one[name]) for name in ("viewmats", "Ks", *lenses.sizes) if name in one}
+    poses, views = seen_from["viewmats"], lenses.cameras(seen_from, size)
     colors = one.get("colors")
     has_own_colors = colors is not None and colors.ndim == (3 if sh_degree is None else 4)
     (near_plane, far_plane, radius_clip), is_antialiased = limits, options[2]
     is_cut = _farthest(one["means"], poses) > far_plane or radius_clip > 0
+    if is_cut and not lenses.is_pinhole:
+        raise ValueError(f"far_plane: smalto draws all of a scene through lenses, so pass more than {far_plane}")
     apart = [[c] for c in range(len(views))] if has_own_colors or is_cut else [list(range(len(views)))]
     for some in apart:
         look = colors[some[0]] if has_own_colors else colors
@@ -424,7 +438,20 @@ def _wide(values):
     return values.astype(np.float32) if values.dtype == np.float16 else values
 
 
-def _checked_shapes(arrays, sh_degree):
+def _checked_for_lenses(lenses, render_mode, sh_degree, radius_clip):
+    """Refuses what smalto cannot draw through a lens."""
+    if render_mode != "RGB":
+        raise ValueError(f"render_mode: smalto draws {lenses.model} pictures without depths, so pass RGB")
+    if radius_clip > 0:
+        raise ValueError("radius_clip: smalto draws pictures through lenses without it, so pass 0")
+    if lenses.model == "ortho" and sh_degree:
+        raise ValueError(
+            "sh_degree: smalto draws colors of ortho cameras as seen along z, gsplat as seen from the position, so "
+            "pass sh_degree=0, or colors of each camera"
+        )
+
+
+def _checked_shapes(arrays, sh_degree, coefficients):
     """The axes of the batch."""
     shapes = {name: tuple(values.shape) for name, values in arrays.items()}
     if len(shapes["means"]) < 2:
@@ -440,6 +467,7 @@ def _checked_shapes(arrays, sh_degree):
         "covars": (n, 3, 3),
         "viewmats": (c, 4, 4),
         "Ks": (c, 3, 3),
+        **{name: (c, count) for name, count in coefficients.items()},
         "backgrounds": (c, 3 if sh_degree is not None else shapes.get("colors", (0,))[-1]),
     }
     for name, shape in shapes.items():

@@ -30,11 +30,12 @@ class Meta(MutableMapping[str, Any]):
     If the call was `packed`, they have one row for each Gaussian that is drawn, and batch_ids, camera_ids and
     gaussian_ids name it; these are None otherwise. tiles_per_gauss counts the tiles of the box of the radii; isect_ids,
     flatten_ids and isect_offsets list them. There are no gradients: strategies that read some need gsplat.
+    Pictures through lenses have sizes, counts and timings only.
     """
 
     def __init__(self, known: dict[str, Any], project, packed: bool):
         self._values, self._project, self._packed = dict(known), project, packed
-        self._lazy = [*_IDS, *_PROJECTED, *_TILED]
+        self._lazy = [*_IDS, *_PROJECTED, *_TILED] if project is not None else []
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._values and key in self._lazy:

@@ -114,6 +114,16 @@ class Camera:
     def undistorted(self) -> Camera:
         """The pinhole of the same pose and intrinsics. Errors: ValueError for EQUIRECTANGULAR and ORTHOGRAPHIC, which see
         what no pinhole does."""
+    def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Where points of the world (N, 3) are seen: pixels (N, 2), x before y, and a mask (N,), in float64. The mask is
+        False, and the pixels are NaN, where a point is behind a pinhole or outside the domain of the lens. Pixels may lie
+        outside the picture. The centre of the pixel in column i and row j is (i + 0.5, j + 0.5).
+
+        Errors: TypeError and ValueError where `points` are not finite numbers of this shape."""
+    def rays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The rays of the centres of all pixels: origins and directions in world axes, each (height, width, 3) in float64.
+        Directions have the length 1, and are NaN where the lens sees nothing. The origin is the position of the camera;
+        of ORTHOGRAPHIC it is the point of the ray in the plane through the position."""
     @property
     def near(self) -> float | None:
         """The largest near plane, in world units, that shows what it looks at; None for cameras of files."""
@@ -138,7 +148,15 @@ class Camera:
     def __eq__(self, other: object) -> bool: ...
     def __hash__(self) -> int: ...
     @staticmethod
-    def _as_given(K: Any, size: Size, viewmat: Any) -> Camera: ...
+    def _as_given(K: Any, size: Size, viewmat: Any, lens: Any = None) -> Camera: ...
+    @staticmethod
+    def _f_theta(
+        angle_to_px: Sequence[float],
+        px_to_angle: Sequence[float],
+        is_px_to_angle: bool,
+        max_angle: float,
+        linear: Sequence[float],
+    ) -> tuple[float, tuple[str, list[float]]]: ...
 
 class Picture:
     """A picture: `color`, `alpha`, and what else was asked for. The arrays show its memory without a copy, so they cannot

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3};
-use numpy::{PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
-use smalto::camera::{self, Lens, NamedCamera};
+use rayon::prelude::*;
+use smalto::camera::{self, FTheta, InPixels, Lens, NamedCamera};
 
 use crate::arrays::numbers;
 use crate::errors::exception;
@@ -80,8 +81,14 @@ impl Camera {
     /// A camera of `rasterization`: its view is the product with all entries of `viewmat`, also where the upper left
     /// 3x3 is a rotation up to some thousandths only.
     #[staticmethod]
+    #[pyo3(signature = (K, size, viewmat, lens = None))]
     #[allow(non_snake_case)]
-    fn _as_given(K: &Bound<PyAny>, size: &Bound<PyAny>, viewmat: &Bound<PyAny>) -> PyResult<Self> {
+    fn _as_given(
+        K: &Bound<PyAny>,
+        size: &Bound<PyAny>,
+        viewmat: &Bound<PyAny>,
+        lens: Option<&Bound<PyAny>>,
+    ) -> PyResult<Self> {
         // gsplat reads neither the skew of K, nor its last row, nor that of a pose.
         let k = numbers::<f64>(K, "Ks", "float64", &[Some(3), Some(3)])?;
         let m = numbers::<f64>(viewmat, "viewmats", "float64", &[Some(4), Some(4)])?;
@@ -93,11 +100,26 @@ impl Camera {
             focal_px: DVec2::new(k[0], k[4]),
             centre_px: DVec2::new(k[2], k[5]),
             size_px: given::size(size)?,
-            lens: None,
+            lens: lens.map(named_lens).transpose()?.flatten(),
         };
         let camera = camera.checked_as_given();
         let unusable = |why| PyValueError::new_err(format!("viewmats, Ks: a camera cannot be used: {why:#}"));
         Ok(Self { camera: camera.map_err(unusable)?, near: None, name: None })
+    }
+
+    /// The focal length in pixels and the lens of gsplat's `ftheta_coeffs`.
+    #[staticmethod]
+    fn _f_theta(
+        angle_to_px: [f64; 6],
+        px_to_angle: [f64; 6],
+        is_px_to_angle: bool,
+        max_angle: f64,
+        linear: [f64; 3],
+    ) -> PyResult<(f64, (&'static str, Vec<f64>))> {
+        let found = Lens::f_theta(&FTheta { angle_to_px, px_to_angle, is_px_to_angle, max_angle, linear });
+        let InPixels { focal_px, lens, .. } =
+            found.map_err(|why| PyValueError::new_err(format!("ftheta_coeffs: the lens cannot be used: {why:#}")))?;
+        Ok((focal_px, (lens.model(), lens.parameters().to_vec())))
     }
 
     /// All cameras of a file or folder, with their lenses: cameras.json, transforms.json, the folder of a COLMAP model.
@@ -119,6 +141,59 @@ impl Camera {
     fn undistorted(&self) -> PyResult<Self> {
         let camera = self.camera.undistorted().map_err(|why| PyValueError::new_err(format!("the camera: {why:#}")))?;
         Ok(Self { camera, ..self.clone() })
+    }
+
+    /// Where points of the world (N, 3) are seen: pixels (N, 2), x before y, and a mask (N,), in float64. The mask is
+    /// False, and the pixels are NaN, where a point is behind a pinhole or outside the domain of the lens. Pixels may lie
+    /// outside the picture. The centre of the pixel in column i and row j is (i + 0.5, j + 0.5).
+    ///
+    /// Errors: TypeError and ValueError where `points` are not finite numbers of this shape.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
+        let points = numbers::<f64>(points, "points", "float64", &[None, Some(3)])?;
+        let (points, camera) = (points.values(), &self.camera);
+        let places: Vec<[f64; 2]> = py.detach(|| {
+            let place =
+                |point: &[f64]| camera.projected(DVec3::from_slice(point)).map_or(DVec2::NAN, |(place, _)| place);
+            points.par_chunks_exact(3).map(|point| place(point).to_array()).collect()
+        });
+        let is_seen: Vec<bool> = places.iter().map(|[x, _]| !x.is_nan()).collect();
+        let pixels = PyArray1::from_slice(py, places.as_flattened()).reshape([places.len(), 2])?;
+        Ok((pixels, PyArray1::from_vec(py, is_seen)))
+    }
+
+    /// The rays of the centres of all pixels: origins and directions in world axes, each (height, width, 3) in float64.
+    /// Directions have the length 1, and are NaN where the lens sees nothing. The origin is the position of the camera;
+    /// of ORTHOGRAPHIC it is the point of the ray in the plane through the position.
+    fn rays<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray3<f64>>)> {
+        let (width, height) = self.size();
+        let numpy = py.import("numpy")?;
+        // NumPy raises a MemoryError where there is not enough.
+        let empty = || PyResult::Ok(numpy.call_method1("empty", ((height, width, 3),))?.cast_into::<PyArray3<f64>>()?);
+        let (all_origins, all_directions) = (empty()?, empty()?);
+        {
+            let (mut origins, mut directions) = (all_origins.readwrite(), all_directions.readwrite());
+            let [origins, directions] = [&mut origins, &mut directions]
+                .map(|array| array.as_slice_mut().expect("an array that NumPy has just made is contiguous"));
+            let camera = &self.camera;
+            py.detach(|| {
+                let row = 3 * width as usize;
+                let rows = origins.par_chunks_exact_mut(row).zip(directions.par_chunks_exact_mut(row)).enumerate();
+                rows.for_each(|(y, (origins, directions))| {
+                    for (x, (origin, direction)) in
+                        origins.chunks_exact_mut(3).zip(directions.chunks_exact_mut(3)).enumerate()
+                    {
+                        let ray = world_ray(camera, DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+                        origin.copy_from_slice(&ray[0].to_array());
+                        direction.copy_from_slice(&ray[1].to_array());
+                    }
+                });
+            });
+        }
+        Ok((all_origins, all_directions))
     }
 
     /// The arguments that make this camera again, to the last bit.
@@ -185,6 +260,16 @@ impl Camera {
     }
 }
 
+/// Origin and direction of the ray of a place in pixels, in world axes. The direction is NaN where nothing is seen.
+fn world_ray(camera: &camera::Camera, place_px: DVec2) -> [DVec3; 2] {
+    let to_world = camera.rotation.transpose();
+    let ray = camera.ray(place_px).unwrap_or(DVec3::NAN);
+    if camera.lens.as_ref().is_some_and(|lens| lens.is_parallel()) {
+        return [camera.position + to_world * ray.with_z(0.0), camera.forward()];
+    }
+    [camera.position, to_world * ray.normalize()]
+}
+
 /// The camera, if a picture can be drawn with it.
 pub fn usable(camera: camera::Camera) -> PyResult<camera::Camera> {
     camera.checked().map_err(|why| PyValueError::new_err(format!("the camera cannot be used: {why:#}")))
@@ -234,5 +319,5 @@ fn pose(rotation: DMat3, last: DVec3) -> [f64; 16] {
 }
 
 fn square<'py>(py: Python<'py>, values: &[f64], side: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    numpy::PyArray1::from_slice(py, values).reshape([side, side])
+    PyArray1::from_slice(py, values).reshape([side, side])
 }

@@ -337,7 +337,7 @@ def test_a_scene_that_changes_is_drawn_anew():
         ({"render_mode": "depth"}, ValueError, "render_mode: expected RGB, D, ED"),
         ({"eps2d": 0.1}, ValueError, "eps2d: smalto draws"),
         ({"covars": np.zeros((80, 3))}, ValueError, r"covars: expected the shape \(80, 3, 3\)"),
-        ({"camera_model": "fisheye"}, ValueError, "camera_model: smalto draws"),
+        ({"camera_model": "lidar"}, ValueError, "camera_model: smalto draws"),
         ({"sh_degree": 9}, ValueError, "sh_degree: expected 0 to .*, found 9"),
         ({"sh_degree": 3.0}, TypeError, "sh_degree: expected a whole number, found 3.0"),
         ({"width": -1}, ValueError, "width: expected 1 or more, found -1"),
