@@ -16,6 +16,8 @@ use crate::arrays::numbers;
 use crate::errors::exception;
 use crate::given::{self, given, optional};
 
+type TwoArrays<'py, A, B> = (Bound<'py, A>, Bound<'py, B>);
+
 /// A camera: where it is, where it looks, its lens, and the pixels of its picture. Axes are those of OpenCV and COLMAP:
 /// x right, y down, z forward. The pixel in column i and row j is sampled at (i + 0.5, j + 0.5).
 ///
@@ -152,7 +154,7 @@ impl Camera {
         &self,
         py: Python<'py>,
         points: &Bound<'py, PyAny>,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
+    ) -> PyResult<TwoArrays<'py, PyArray2<f64>, PyArray1<bool>>> {
         let points = numbers::<f64>(points, "points", "float64", &[None, Some(3)])?;
         let (points, camera) = (points.values(), &self.camera);
         let places: Vec<[f64; 2]> = py.detach(|| {
@@ -168,7 +170,7 @@ impl Camera {
     /// The rays of the centres of all pixels: origins and directions in world axes, each (height, width, 3) in float64.
     /// Directions have the length 1, and are NaN where the lens sees nothing. The origin is the position of the camera;
     /// of ORTHOGRAPHIC it is the point of the ray in the plane through the position.
-    fn rays<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray3<f64>>)> {
+    fn rays<'py>(&self, py: Python<'py>) -> PyResult<TwoArrays<'py, PyArray3<f64>, PyArray3<f64>>> {
         let (width, height) = self.size();
         let numpy = py.import("numpy")?;
         // NumPy raises a MemoryError where there is not enough.
