@@ -16,16 +16,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     ui.checkbox(&mut viewer.panels.recent.shows_guides, "Show axes and a grid").on_hover_text(hint);
     Grid::new("view").num_columns(2).show(ui, |ui| {
         ui.label("Field of view");
-        let mut degrees = viewer.view.navigator.field_of_view();
-        // Few views are narrower than a degree, so the slider gives them little room.
-        let slider = Slider::new(&mut degrees, viewer.view.navigator.fields_of_view())
-            .suffix("°")
-            .logarithmic(true)
-            .smallest_positive(5.0);
-        if ui.add(slider).on_hover_text("Horizontal, in degrees").changed() {
-            viewer.view.navigator.set_field_of_view(degrees);
-            viewer.view.camera_index = None;
-        }
+        field_of_view(viewer, ui);
         ui.end_row();
         lens(viewer, ui);
         ui.end_row();
@@ -97,6 +88,21 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         });
         menu.response.on_hover_text(format!("The command line that draws this view ({} for render)", keys[2]));
     });
+}
+
+fn field_of_view(viewer: &mut Viewer, ui: &mut Ui) {
+    let mut degrees = viewer.view.navigator.field_of_view();
+    let fields = viewer.view.navigator.fields_of_view();
+    if fields.start() == fields.end() {
+        ui.label(format!("{degrees:.0}°"));
+        return;
+    }
+    // Few views are narrower than a degree, so the slider gives them little room.
+    let slider = Slider::new(&mut degrees, fields).suffix("°").logarithmic(true).smallest_positive(5.0);
+    if ui.add(slider).on_hover_text("Horizontal, in degrees").changed() {
+        viewer.view.navigator.set_field_of_view(degrees);
+        viewer.view.camera_index = None;
+    }
 }
 
 /// The lens as a text of `--lens`, and the lenses without numbers to choose from.
