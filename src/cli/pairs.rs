@@ -17,12 +17,12 @@ struct Pairs {
 
 const DEVICE: &str = "device memory";
 const READING: &str = "up flip sog-level";
-const RULES: &str = "near response order extent alpha-min antialiased";
+const RULES: &str = "near order extent alpha-min antialiased";
 const ACCURACY: &str = "stop key-bits sh-degree sh-storage shape-storage scale";
 const LEVELS: &str = "lod-error lod-psnr lod-fade splats";
 const BUDGET: &str = "max-error min-psnr";
 const PLACE: &str = "eye target camera-up fov";
-const LENS: &str = "lens undistort";
+const LENS: &str = "lens undistort response";
 
 const COMMANDS: [Pairs; 10] = [
     Pairs {
