@@ -266,7 +266,7 @@ impl Camera {
 fn world_ray(camera: &camera::Camera, place_px: DVec2) -> [DVec3; 2] {
     let to_world = camera.rotation.transpose();
     let ray = camera.ray(place_px).unwrap_or(DVec3::NAN);
-    if camera.lens.as_ref().is_some_and(|lens| lens.is_parallel()) {
+    if camera.is_parallel() {
         return [camera.position + to_world * ray.with_z(0.0), camera.forward()];
     }
     [camera.position, to_world * ray.normalize()]

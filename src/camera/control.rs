@@ -199,7 +199,7 @@ impl Navigator {
     pub fn set_lens(&mut self, lens: Option<Arc<Lens>>) {
         let View { camera, pivot_view } = &self.view;
         let distance = pivot_view.length();
-        let was_sphere = camera.lens.as_ref().is_some_and(|lens| lens.is_sphere());
+        let was_sphere = camera.is_sphere();
         let degrees = if was_sphere { 90.0 } else { camera.field_of_view(distance) };
         let camera = camera.with_lens(lens);
         let fields = fields_of_view(&camera);
@@ -221,16 +221,16 @@ impl Navigator {
         let in_place = |view: &View, rotation| View { camera: Camera { rotation, ..view.camera.clone() }, ..*view };
         let View { camera, pivot_view } = &self.view;
         // A parallel lens turns as the pinhole that sees the same at the pivot.
-        let focal_px = if is_parallel(camera) { focal_px * pivot_view.length() } else { focal_px };
+        let focal_px = if camera.is_parallel() { focal_px * pivot_view.length() } else { focal_px };
         self.turn(delta_px / focal_px, in_place);
     }
 
     /// Moves camera and pivot sideways, so that points at the depth of the pivot follow the pointer exactly.
     pub fn pan(&mut self, delta_px: DVec2, size_px: [u32; 2]) {
         let View { camera, pivot_view } = &self.view;
-        let depth = match camera {
-            camera if is_parallel(camera) => 1.0,
-            _ if pivot_view.z > 0.0 => pivot_view.z,
+        let depth = match pivot_view.z {
+            _ if camera.is_parallel() => 1.0,
+            z if z > 0.0 => z,
             _ => pivot_view.length(),
         };
         let step_view = (delta_px * depth / self.camera(size_px).focal_px).extend(0.0);
@@ -249,7 +249,7 @@ impl Navigator {
             let pivot_view = *pivot_view * ratio;
             let position = self.pivot() - camera.rotation.transpose() * pivot_view;
             // Through a parallel lens, nothing grows by coming closer.
-            let focal_px = if is_parallel(camera) { camera.focal_px / ratio } else { camera.focal_px };
+            let focal_px = if camera.is_parallel() { camera.focal_px / ratio } else { camera.focal_px };
             self.go(View { camera: Camera { position, focal_px, ..camera.clone() }, pivot_view });
         }
     }
@@ -419,10 +419,6 @@ impl Glide {
             pivot_view: self.from.pivot_view.lerp(self.to.pivot_view, eased),
         }
     }
-}
-
-fn is_parallel(camera: &Camera) -> bool {
-    camera.lens.as_ref().is_some_and(|lens| lens.is_parallel())
 }
 
 /// The horizontal fields of view that the lens of a camera can have, in degrees.

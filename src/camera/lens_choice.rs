@@ -68,13 +68,13 @@ impl Lens {
 impl Camera {
     /// The same view through another lens, with the same focal lengths. A sphere fills the picture.
     pub fn with_lens(&self, lens: Option<Arc<Lens>>) -> Self {
-        let is_sphere = |lens: &Option<Arc<Lens>>| lens.as_ref().is_some_and(|lens| lens.is_sphere());
-        let [focal_px, centre_px] = match (is_sphere(&self.lens), is_sphere(&lens)) {
+        let through = Self { lens, ..self.clone() };
+        let [focal_px, centre_px] = match (self.is_sphere(), through.is_sphere()) {
             (_, true) => Lens::sphere_px(DVec2::from(self.size_px.map(f64::from))),
             (true, false) => [DVec2::splat(self.focal_px.x), self.centre_px],
-            (false, false) => [self.focal_px, self.centre_px],
+            (false, false) => return through,
         };
-        Self { focal_px, centre_px, lens, ..self.clone() }
+        Self { focal_px, centre_px, ..through }
     }
 
     /// The same view with this horizontal field of view, in degrees, as if its principal point were in the middle. A
@@ -118,9 +118,8 @@ impl Camera {
 
     /// The length across a ray that a pixel covers in the middle of the picture, in world units: at this
     /// [depth](Self::depth).
-    pub fn pixel_at(&self, depth: f64) -> f64 {
-        let is_parallel = self.lens.as_ref().is_some_and(|lens| lens.is_parallel());
-        if is_parallel { 1.0 / self.focal_px.x } else { depth / self.focal_px.x }
+    pub fn pixel_world(&self, depth: f64) -> f64 {
+        if self.is_parallel() { 1.0 / self.focal_px.x } else { depth / self.focal_px.x }
     }
 }
 

@@ -80,7 +80,7 @@ impl Camera {
         if size_px == self.size_px {
             return self.clone();
         }
-        if self.lens.as_ref().is_some_and(|lens| lens.is_sphere()) {
+        if self.is_sphere() {
             return self.sampled(size_px);
         }
         let focal = self.focal_px.x * f64::from(size_px[0]) / f64::from(self.size_px[0]);
@@ -99,10 +99,20 @@ impl Camera {
         Some((plane? * self.focal_px + self.centre_px, self.depth(seen)))
     }
 
+    /// True if the rays are parallel.
+    pub fn is_parallel(&self) -> bool {
+        self.lens.as_ref().is_some_and(|lens| lens.is_parallel())
+    }
+
+    /// True if the lens sees all directions.
+    pub fn is_sphere(&self) -> bool {
+        self.lens.as_ref().is_some_and(|lens| lens.is_sphere())
+    }
+
     /// The depth of a point in view axes, in world units: z of a pinhole and of a parallel lens, the distance from the
     /// camera for other lenses, which also see what has no z ahead.
     pub fn depth(&self, view: DVec3) -> f64 {
-        if self.lens.as_ref().is_none_or(|lens| lens.is_parallel()) { view.z } else { view.length() }
+        if self.lens.is_none() || self.is_parallel() { view.z } else { view.length() }
     }
 
     /// The ray of a place in pixels, in view axes: a direction of length 1, or of depth 1 for a pinhole. The rays of a
@@ -132,8 +142,7 @@ impl Camera {
     /// nothing.
     pub fn unprojected(&self, place_px: DVec2, depth: f64) -> DVec3 {
         let ray = self.ray(place_px).unwrap_or(DVec3::NAN);
-        let is_parallel = self.lens.as_ref().is_some_and(|lens| lens.is_parallel());
-        let point_view = if is_parallel { ray.truncate().extend(depth) } else { ray * depth };
+        let point_view = if self.is_parallel() { ray.truncate().extend(depth) } else { ray * depth };
         self.position + self.rotation.transpose() * point_view
     }
 

@@ -48,8 +48,8 @@ impl Rays {
     /// distance for other lenses.
     pub fn depth(&self, id: u32, ray: DVec3) -> f64 {
         let Whitened { from_view, mean } = &self.whitened[id as usize];
-        let is_parallel = self.camera.lens.as_ref().is_some_and(|lens| lens.is_parallel());
-        let (origin, direction) = if is_parallel { (ray - DVec3::Z, DVec3::Z) } else { (DVec3::ZERO, ray) };
+        let (origin, direction) =
+            if self.camera.is_parallel() { (ray - DVec3::Z, DVec3::Z) } else { (DVec3::ZERO, ray) };
         let direction = *from_view * direction;
         (direction.dot(*mean - *from_view * origin) / direction.length_squared()).max(0.0)
     }

@@ -148,7 +148,7 @@ pub fn ray_splat(gaussians: &Gaussians, id: u32, camera: &Camera, footprints: &F
     let index = id as usize;
     let mean_world = DVec3::from(gaussians.means()[index].map(f64::from));
     let mean_view = camera.view(mean_world);
-    let is_parallel = camera.lens.as_ref().is_some_and(|lens| lens.is_parallel());
+    let is_parallel = camera.is_parallel();
     let (centre, e, unit) = if is_parallel {
         (mean_view.truncate().extend(1.0), [DVec3::X, DVec3::Y, DVec3::ZERO], 1.0)
     } else {

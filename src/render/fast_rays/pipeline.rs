@@ -10,7 +10,7 @@ use crate::options::Options;
 use crate::packing::Layout;
 use crate::render::fast::{BLOCK_FORMS, BinGrid, FastPipeline, FastWorkspace, between_stages};
 use crate::render::frame::{Shot, Target, view};
-use crate::render::rays::{depth_keys, is_parallel};
+use crate::render::rays::depth_keys;
 use crate::render::shaders::fast::{BLOCKS, PROJECT_CHUNK};
 use crate::render::shaders::fast_rays::*;
 use crate::render::shaders::{FastDispatches, SharedConstants, Totals};
@@ -147,7 +147,7 @@ impl FastRaysPipeline {
         };
         let push = MasksPush {
             block_height: grid.block_height,
-            is_parallel: is_parallel(shot.camera).into(),
+            is_parallel: shot.camera.is_parallel().into(),
             size_px: shot.camera.size_px,
         };
         let groups = offset_of!(FastDispatches, over_segments);
@@ -171,7 +171,7 @@ impl FastRaysPipeline {
             bins_x: grid.bins[0],
             bins: grid.count(),
             background: target.background.colour(),
-            is_parallel: is_parallel(shot.camera).into(),
+            is_parallel: shot.camera.is_parallel().into(),
         };
         let blend = self.blend[grid.form_index].as_ref().expect("`prepare` made it");
         let lanes = u64::from(grid.count()) * u64::from(BLOCKS * self.subgroup);

@@ -37,7 +37,7 @@ impl BinTables {
         let first_cell = HEAD + BIN_RAYS * grid.count();
         let mut table = vec![
             middle.extend(spread).to_array().map(f32::to_bits),
-            [lens.half_sine.to_bits(), lens.widest.to_bits(), picture.is_parallel().into(), first_cell],
+            [lens.half_sine.to_bits(), lens.widest.to_bits(), camera.is_parallel().into(), first_cell],
         ];
         table.extend(bins.as_flattened());
         table.extend(cells(camera).as_flattened());
@@ -76,10 +76,6 @@ struct Picture<'p> {
 type Part = Vec<(DVec2, DVec3)>;
 
 impl Picture<'_> {
-    fn is_parallel(&self) -> bool {
-        self.camera.lens.as_ref().is_some_and(|lens| lens.is_parallel())
-    }
-
     /// The parts of a size in px of a picture, in rows.
     fn parts(self, counts: [u32; 2], size_px: [u32; 2]) -> impl IndexedParallelIterator<Item = Part> {
         let [width, height] = self.camera.size_px;
@@ -110,8 +106,9 @@ impl Picture<'_> {
         let all = || part.iter().map(|(_, ray)| *ray);
         let low = all().reduce(DVec3::min)?;
         let middle = 0.5 * (low + all().fold(low, DVec3::max));
-        let normal = if self.is_parallel() { DVec3::Z } else { middle.normalize_or(DVec3::Z) };
-        Some((if self.is_parallel() { middle } else { normal }, normal))
+        let is_parallel = self.camera.is_parallel();
+        let normal = if is_parallel { DVec3::Z } else { middle.normalize_or(DVec3::Z) };
+        Some((if is_parallel { middle } else { normal }, normal))
     }
 
     /// True if all rays of a block lie near enough to its middle.
@@ -174,9 +171,8 @@ type Cell = [[u32; 4]; CELL_ELEMENTS as usize];
 
 /// The cells of all faces of the cube.
 fn cells(camera: &Camera) -> Vec<Cell> {
-    let is_parallel = camera.lens.as_ref().is_some_and(|lens| lens.is_parallel());
     // A parallel lens has no directions.
-    let faces = if is_parallel { 0 } else { 6 };
+    let faces = if camera.is_parallel() { 0 } else { 6 };
     let regions = CELLS / REGION;
     let bends_of = |index: u32| {
         let low = DVec2::new((index % regions).into(), (index / regions % regions).into()) / f64::from(regions);

@@ -14,7 +14,7 @@ use crate::pixels::{Depths, Pixels, Plane};
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
 use crate::render::portable::{Pass, PortablePipeline, PortableWorkspace, Walk, chunks};
-use crate::render::rays::{RaysFrame, RaysPipeline, is_parallel};
+use crate::render::rays::{RaysFrame, RaysPipeline};
 use crate::render::shaders::inspect::*;
 use crate::render::shaders::{PortableDispatches, View};
 use crate::rules::Background;
@@ -228,7 +228,7 @@ impl Inspector {
                 sh: scene.sh_planes(),
                 splats,
             };
-            let push = ShadeRaysPush { view: portable.view(camera), is_parallel: is_parallel(camera).into() };
+            let push = ShadeRaysPush { view: portable.view(camera), is_parallel: camera.is_parallel().into() };
             let groups = offset_of!(PortableDispatches, over_visible);
             cmd.scope("shade attribute", |cmd| cmd.dispatch_indirect(stage, bindings, push, &work.dispatches, groups));
         }

@@ -8,7 +8,7 @@ use crate::packing::Layout;
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, tiles};
 use crate::render::portable::{PortablePipeline, PortableWorkspace};
-use crate::render::rays::{RaysFrame, is_parallel};
+use crate::render::rays::RaysFrame;
 use crate::render::shaders::Evidence;
 use crate::render::shaders::inspect::*;
 use crate::rules::{Background, TILE};
@@ -119,7 +119,7 @@ impl Picker {
                 let bindings =
                     PickRaysBindings { splat_ids, splats, gaussian_from_splat, bounds, gaussians, evidence, rays };
                 let pixel = pixel[1] * camera.size_px[0] + pixel[0];
-                let push = PickRaysPush { view, first, count, pixel, is_parallel: is_parallel(camera).into() };
+                let push = PickRaysPush { view, first, count, pixel, is_parallel: camera.is_parallel().into() };
                 cmd.dispatch(&self.along_rays, bindings, push, groups);
             }
         }

@@ -10,5 +10,5 @@
 mod pipeline;
 mod tables;
 
-pub(super) use pipeline::{RaysFrame, RaysPipeline, depth_keys, is_parallel};
+pub(super) use pipeline::{RaysFrame, RaysPipeline, depth_keys};
 pub(super) use tables::{LensTables, RayTables, rays, uploaded};

@@ -5,7 +5,6 @@ use std::mem::offset_of;
 use anyhow::Result;
 
 use super::tables::RayTables;
-use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
@@ -36,14 +35,9 @@ pub struct RaysFrame<'f> {
     pub splats: &'f Buffer<RaySplat>,
 }
 
-/// True if the rays of a camera are parallel.
-pub fn is_parallel(camera: &Camera) -> bool {
-    camera.lens.as_ref().is_some_and(|lens| lens.is_parallel())
-}
-
 /// Keys of z for a parallel lens, of distances for others.
 pub fn depth_keys(Shot { scene, camera }: Shot, options: &Options) -> DepthKeys {
-    let order = if is_parallel(camera) { Order::Depth } else { Order::Distance };
+    let order = if camera.is_parallel() { Order::Depth } else { Order::Distance };
     let options = Options { rules: Rules { order, ..options.rules }, ..*options };
     DepthKeys::of(camera, &options, &scene.extent)
 }
@@ -161,7 +155,7 @@ impl RaysPipeline {
         let push = CullPush {
             view: portable.view(shot.camera),
             gaussians: shot.scene.len() as u32,
-            is_parallel: is_parallel(shot.camera).into(),
+            is_parallel: shot.camera.is_parallel().into(),
             widest: tables.lens.widest,
             cones: tables.cones.len() as u32,
         };
@@ -187,7 +181,7 @@ impl RaysPipeline {
         let keys = depth_keys(shot, &self.options);
         let push = ProjectPush {
             view: portable.view(shot.camera),
-            is_parallel: is_parallel(shot.camera).into(),
+            is_parallel: shot.camera.is_parallel().into(),
             cones: tables.cones.len() as u32,
             depth_limit: keys.limit(),
             depth_shift: keys.shift,

@@ -96,8 +96,7 @@ impl Viewer {
         }
         let view = self.view.camera();
         let centre = view.centre_px - glam::DVec2::from(view.size_px.map(|side| f64::from(side) / 2.0));
-        let is_sphere = view.lens.as_ref().is_some_and(|lens| lens.is_sphere());
-        if !is_sphere && (centre.abs().max_element() > 1e-6 || view.focal_px.x != view.focal_px.y) {
+        if !view.is_sphere() && (centre.abs().max_element() > 1e-6 || view.focal_px.x != view.focal_px.y) {
             left_out.push("the principal point or the shape of the pixels".to_owned());
         }
         let point = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);

@@ -205,7 +205,7 @@ impl Viewer {
         let Some(depth) = depth.map(f64::from) else { return self.messages.note("there is nothing at this pixel") };
         let view = self.view.camera();
         let centre = view.unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth);
-        self.select(&Selection::Ball(centre, radius_px * view.pixel_at(depth)), mode);
+        self.select(&Selection::Ball(centre, radius_px * view.pixel_world(depth)), mode);
     }
 
     /// Starts to write the shown scenes into one file: placed, without deleted Gaussians.

@@ -33,7 +33,7 @@ pub struct Gizmo {
 impl Gizmo {
     /// The handles around a point; `None` if the point is not in front of the camera, or the rays are parallel.
     pub fn new(view: &Camera, centre: DVec3) -> Option<Self> {
-        if view.lens.as_ref().is_some_and(|lens| lens.is_parallel()) {
+        if view.is_parallel() {
             return None;
         }
         let depth = view.view(centre).z;
