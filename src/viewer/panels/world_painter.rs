@@ -87,13 +87,11 @@ impl WorldPainter {
         for i in 0..4 {
             let (from, to) = (corners[i], corners[(i + 1) % 4]);
             let border = (0..=PARTS).map(|k| from.lerp(to, f64::from(k) / f64::from(PARTS)));
-            let border: Vec<DVec3> = border.map(|place| camera.unprojected(place, deep)).collect();
-            for pair in border.windows(2).filter(|pair| pair.iter().all(|place| place.is_finite())) {
-                self.line([pair[0], pair[1]], stroke);
-            }
-            let corner = border[0];
-            if corner.is_finite() {
-                self.line([camera.unprojected(from, 0.0), corner], stroke);
+            self.curve(border.map(|place| camera.unprojected(place, deep)), stroke);
+            // NaN where the lens sees nothing.
+            let edge = [0.0, deep].map(|depth| camera.unprojected(from, depth));
+            if edge[1].is_finite() {
+                self.line(edge, stroke);
             }
         }
     }
