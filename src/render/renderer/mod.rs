@@ -338,14 +338,11 @@ impl Renderer {
         inspector: Option<&Inspector>,
     ) -> Result<Recorded> {
         let along_rays = (self.options.rules.response == Response::Ray).then(|| camera.along_rays());
-        let model = camera.lens.as_ref().map(|lens| lens.model());
+        let shown = inspector.or(self.inspector.as_ref());
+        self.refused(camera, shown.map(|inspector| &inspector.inspection)).map_or(Ok(()), Err)?;
         let camera = along_rays.as_ref().unwrap_or(camera);
-        if camera.lens.is_some() {
-            let inspector = inspector.or(self.inspector.as_ref());
-            let why = self.undrawable_lens(inspector.map(|inspector| &inspector.inspection)).map_or(Ok(()), Err);
-            why.map_err(|why| UndrawableLens { model, why })?;
-            let layout = self.scene.layout();
-            inspector.map_or(Ok(()), |inspector| inspector.prepare_rays(&self.device, &self.options, layout))?;
+        if let Some(shown) = shown.filter(|_| camera.lens.is_some()) {
+            shown.prepare_rays(&self.device, &self.options, self.scene.layout())?;
         }
         match self.fit_images(camera.size_px) {
             Err(error) if error.is::<OutOfMemory>() => {
@@ -399,28 +396,24 @@ impl Renderer {
         Ok(Recorded { number, counted, limits: self.drawn })
     }
 
-    /// The reason why pictures of a camera cannot show an inspection; `None` if they can.
-    pub fn refused(&self, camera: &Camera, inspection: &Inspection) -> Option<UndrawableLens> {
+    /// The reason why pictures of a camera cannot show the scene, or an inspection of it; `None` if they can.
+    pub fn refused(&self, camera: &Camera, inspection: Option<&Inspection>) -> Option<UndrawableLens> {
         let model = camera.lens.as_ref().map(|lens| lens.model());
         if model.is_none() && self.options.rules.response == Response::Screen {
             return None;
         }
-        self.undrawable_lens(Some(inspection)).map(|why| UndrawableLens { model, why })
-    }
-
-    /// The reason why a camera with a lens cannot be drawn.
-    fn undrawable_lens(&self, inspection: Option<&Inspection>) -> Option<&'static str> {
-        if self.scene.is_placed() {
-            return Some("sees no scenes at places");
-        }
-        if self.scene.is_paged() {
-            return Some("sees only scenes that are in GPU memory as a whole, without levels of detail");
-        }
-        if self.certificate.is_some() {
-            return Some("has pictures without certificates");
-        }
-        let suits = inspection.is_none_or(Inspection::suits_rays);
-        (!suits).then_some("has pictures without centres, outlines, isolated Gaussians and a culling camera")
+        let why = if self.scene.is_placed() {
+            "sees no scenes at places"
+        } else if self.scene.is_paged() {
+            "sees only scenes that are in GPU memory as a whole, without levels of detail"
+        } else if self.certificate.is_some() {
+            "has pictures without certificates"
+        } else if !inspection.is_none_or(Inspection::suits_rays) {
+            "has pictures without centres, outlines, isolated Gaussians and a culling camera"
+        } else {
+            return None;
+        };
+        Some(UndrawableLens { model, why })
     }
 
     /// Makes the images of a frame of this size.

@@ -276,7 +276,7 @@ impl Session {
     fn draw(&mut self) -> Result<()> {
         let (camera, background) = (self.viewer.view.camera(), self.viewer.view.background);
         let inspection = self.viewer.inspector.settings.inspection();
-        if self.pair.drawn().any(|(_, drawn)| drawn.renderer.refused(&camera, &inspection).is_some()) {
+        if self.pair.drawn().any(|(_, drawn)| drawn.renderer.refused(&camera, Some(&inspection)).is_some()) {
             return Ok(()); // the picture by other options is being made
         }
         // At a new size no older picture can be shown in place of an incomplete frame, so the frame must be complete.
@@ -324,10 +324,9 @@ impl Session {
     /// Goes back to what can be drawn, with a message, where rays cannot show the scene or the look.
     fn avoid_what_rays_do_not_show(&mut self, inspection: &Inspection) {
         let camera = self.viewer.view.camera();
-        let plain = Inspection::default();
         let mut refused =
             |inspection| self.pair.drawn().find_map(|(_, drawn)| drawn.renderer.refused(&camera, inspection));
-        let (of_look, of_scene) = (refused(inspection), refused(&plain));
+        let (of_look, of_scene) = (refused(Some(inspection)), refused(None));
         let Some(refused) = of_look else { return };
         let Viewer { inspector, view, options, messages, .. } = &mut self.viewer;
         let remedy = if of_scene.is_none() {

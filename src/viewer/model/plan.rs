@@ -108,7 +108,7 @@ impl Plan {
             renderer.enable_page_streaming()?;
         }
         // Where rays cannot show the scene, the window goes back to a pinhole, with a message.
-        let is_refused = view.lens.is_some() && renderer.refused(view, &Inspection::default()).is_some();
+        let is_refused = view.lens.is_some() && renderer.refused(view, None).is_some();
         let pinhole = is_refused.then(|| view.with_lens(None));
         let frame = renderer.render(pinhole.as_ref().unwrap_or(view), background)?;
         let path = renderer.path();
