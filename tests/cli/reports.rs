@@ -25,6 +25,10 @@ fn bench_says_which_path_counted() {
     if fast.contains("fast path\n") {
         assert!(fast.contains(" entries in bins (median)\n  counted by the portable path: "), "{fast}");
     }
+    let lens = ok(&[&["bench", "cactus:100", "--preset", "exact", "--response", "ray"], &QUICK[..]].concat());
+    if lens.contains("fast-rays path\n") {
+        assert!(lens.contains(" entries in bins (median)\n  counted by the rays path: "), "{lens}");
+    }
     let portable = text("portable");
     assert!(portable.contains("instances in") && !portable.contains("counted by"), "{portable}");
 }

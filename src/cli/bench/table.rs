@@ -7,6 +7,7 @@ use crate::cli::{certified, say};
 use crate::measure::bench::{
     Change, Clocks, DetailReport, DeviceReport, Protocol, Run, Statistics, VersionReport, WarmUp,
 };
+use crate::render::Path;
 
 /// Prints a run. `checked`: the picture was compared with the reference.
 pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
@@ -45,16 +46,15 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         say!("  together {all:.0} frames per second on {} devices: {}", each.len(), each.join(", "))?;
     }
     print_warm_up(run.warm_up)?;
-    // Bins are the unit of the fast path; everything else is counted by the portable path.
-    let by_portable = match counts.entries {
-        Some(entries) => {
-            say!("  {:.0} entries in bins (median)", entries.median)?;
-            "  counted by the portable path: "
-        }
-        None => "  ",
+    // Bins are the unit of the fast paths; everything else is counted by the path that lists splats in tiles.
+    let counted_by = match (counts.entries, run.drawn_by) {
+        (None, _) => "",
+        (Some(_), Path::FastRays) => "counted by the rays path: ",
+        (Some(_), _) => "counted by the portable path: ",
     };
+    counts.entries.map_or(Ok(()), |entries| say!("  {:.0} entries in bins (median)", entries.median))?;
     say!(
-        "{by_portable}{:.0} visible, {:.0} instances in {:.0} of {} tiles, longest list {:.0} (medians)",
+        "  {counted_by}{:.0} visible, {:.0} instances in {:.0} of {} tiles, longest list {:.0} (medians)",
         counts.visible.median,
         counts.instances.median,
         counts.listed_tiles.median,
@@ -62,7 +62,8 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         counts.longest_list.median
     )?;
     say!(
-        "{by_portable}per pixel {:.0} listed, {:.0} evaluated, {:.0} with idle lanes; {:.0} % of the pixels stop early",
+        "  {counted_by}per pixel {:.0} listed, {:.0} evaluated, {:.0} with idle lanes; {:.0} % of the pixels stop \
+         early",
         counts.listed_per_pixel.median,
         counts.evaluations_per_pixel.median,
         counts.lanes_per_pixel.median,

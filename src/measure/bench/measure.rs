@@ -341,7 +341,7 @@ pub fn frame_ms(frame: &Frame) -> f64 {
     frame.timings.iter().filter(|t| t.depth == 0).map(|t| t.duration_ms).sum()
 }
 
-/// Counts of frames with counters (`frames`, all of the portable path) and of the measured ones (`staged`).
+/// Counts of frames with counters (`frames`, whose splats are listed in tiles) and of the measured ones (`staged`).
 fn counts(frames: &[Totals], staged: &[Measured], size_px: [u32; 2], drawn_px: [u32; 2]) -> Counts {
     let pixels = f64::from(size_px[0]) * f64::from(size_px[1]);
     let of = |value: &dyn Fn(&Totals) -> f64| Statistics::of(frames.iter().map(value));
