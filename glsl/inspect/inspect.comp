@@ -41,12 +41,12 @@ bool is_border(vec3 factor, float limit, vec2 d) {
     return falloff(factor, d) <= limit && !(falloff(factor, d + outwards) <= limit);
 }
 
-bool draws_marks() {
+bool draws_glyphs() {
     return WORK == WORK_CENTRES || WORK == WORK_OUTLINES;
 }
 
-// Draws the mark of staged splat `i` into a pixel. Returns true if the pixel stops.
-bool draw_mark(uint i, vec2 centre, inout vec3 sum, inout float transmittance) {
+// Draws the glyph of staged splat `i` into a pixel. Returns true if the pixel stops.
+bool draw_glyph(uint i, vec2 centre, inout vec3 sum, inout float transmittance) {
     vec2 d = centre - staged_mean[i];
     vec4 look = staged_look[i];
     if (WORK == WORK_CENTRES) {

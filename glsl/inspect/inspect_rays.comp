@@ -9,7 +9,7 @@
 // inspect.comp; 0 where a pixel has no ray.
 
 layout(constant_id = 1) const bool RESUME = false;  // not the first pass
-layout(constant_id = 2) const uint WORK = 0;        // no marks
+layout(constant_id = 2) const uint WORK = 0;        // no glyphs
 
 layout(binding = 0, scalar) readonly buffer Ranges { uvec2 ranges[]; };                     // [tiles]
 layout(binding = 1, scalar) readonly buffer SplatIds { uint splat_ids[]; };                 // [instance_capacity]
@@ -28,11 +28,11 @@ layout(push_constant, scalar) uniform Push {
 
 #include "rays/staged.glsl"
 
-bool draws_marks() {
+bool draws_glyphs() {
     return false;
 }
 
-bool draw_mark(uint i, PLACE ray, inout vec3 sum, inout float transmittance) {
+bool draw_glyph(uint i, PLACE ray, inout vec3 sum, inout float transmittance) {
     return false;  // unreachable
 }
 

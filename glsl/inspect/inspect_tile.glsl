@@ -2,8 +2,8 @@
 // `Work` in src/render/inspect/inspector.rs documents the pictures.
 // Requires: the bindings and push constants of inspect/inspect.comp, inspect/codes.glsl, portable/staged.glsl or
 // rays/staged.glsl, and
-//   draws_marks()      true if WORK draws marks of splats
-//   draw_mark(i, place, sum, transmittance)  draws the mark of a staged splat; true if the pixel stops
+//   draws_glyphs()      true if WORK draws glyphs: centres or outlines of splats
+//   draw_glyph(i, place, sum, transmittance)  draws the glyph of a staged splat; true if the pixel stops
 #include "portable/blend_pixel.glsl"
 
 const float NOTHING = 1e-12;  // behind this transmittance nothing is visible
@@ -20,7 +20,7 @@ vec3 add_depth(vec3 sum, float depth, float share, float before, float after) {
 
 // Applies staged splat `i` to a pixel. Returns true if the pixel stops.
 bool walk_splat(uint i, PLACE place, inout vec3 sum, inout float transmittance) {
-    if (draws_marks()) return draw_mark(i, place, sum, transmittance);
+    if (draws_glyphs()) return draw_glyph(i, place, sum, transmittance);
     if (WORK == WORK_DEPTHS && transmittance < NOTHING) return true;
     vec3 share = vec3(0.0);
     float before = transmittance, fall = falloff_at(i, place);

@@ -441,7 +441,7 @@ def _wide(values):
 def _checked_for_lenses(lenses, render_mode, sh_degree, radius_clip):
     """Refuses what smalto cannot draw through a lens."""
     if render_mode != "RGB":
-        raise ValueError(f"render_mode: smalto draws {lenses.model} pictures without depths, so pass RGB")
+        raise ValueError(f"render_mode: rasterization draws {lenses.model} pictures without depths, so pass RGB")
     if radius_clip > 0:
         raise ValueError("radius_clip: smalto draws pictures through lenses without it, so pass 0")
     if lenses.model == "ortho" and sh_degree:

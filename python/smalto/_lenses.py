@@ -42,8 +42,8 @@ class Lenses:
             raise ValueError(f"{given[0]}: smalto draws distortion along rays, so pass with_ut=True, with_eval3d=True")
         if with_ut and model == "pinhole" and not given:
             raise ValueError(
-                "with_ut: smalto draws pinholes without distortion by their projection, so pass with_ut=False and "
-                "with_eval3d=False"
+                "with_ut: rasterization draws pinholes without distortion by their projection, so pass with_ut=False "
+                "and with_eval3d=False; Renderer(response='ray') draws them along rays"
             )
         self.is_pinhole = model == "pinhole" and not given
         self.has_order_of_z = self.is_pinhole or model == "ortho"
@@ -66,7 +66,7 @@ class Lenses:
             camera = Camera._as_given(K, size, pose, lens)
             if camera.lens is None:
                 raise ValueError(
-                    f"{', '.join(numbers)}: all are 0, and smalto draws pinholes by their projection, so pass None, "
+                    f"{', '.join(numbers)}: all are 0, and rasterization draws pinholes by their projection, so pass None, "
                     "with_ut=False and with_eval3d=False"
                 )
             found.append(camera)

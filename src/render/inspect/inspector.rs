@@ -45,8 +45,8 @@ impl Inspection {
 
     /// True if pictures along rays can show it: there, no splat has a centre or an outline in pixels.
     pub(in crate::render) fn suits_rays(&self) -> bool {
-        let has_marks = matches!(self.look, Look::Work(Work::Centres | Work::Outlines));
-        !has_marks && self.culled_from.is_none() && self.isolated.is_none()
+        let has_glyphs = matches!(self.look, Look::Work(Work::Centres | Work::Outlines));
+        !has_glyphs && self.culled_from.is_none() && self.isolated.is_none()
     }
 
     /// Draws the input of [`depths`].
