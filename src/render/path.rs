@@ -15,8 +15,8 @@ pub enum Path {
     Portable,
     /// Needs subgroups of one known size. Splats are listed in bins.
     Fast,
-    /// Draws along the ray of every pixel: cameras with lenses, and by the response `ray` all cameras. Splats are listed
-    /// in tiles.
+    /// Draws along the ray of every pixel: cameras with lenses, and by the response `ray` all cameras. Splats are
+    /// listed in tiles.
     Rays,
     /// Draws along rays likewise. Needs subgroups of one known size. Splats are listed in bins.
     FastRays,

@@ -1,5 +1,5 @@
-//! The rays path: cameras with lenses, and by the response `ray` pinholes, drawn by the exact response of every Gaussian
-//! along the ray of each pixel.
+//! The rays path: cameras with lenses, and by the response `ray` pinholes, drawn by the exact response of every
+//! Gaussian along the ray of each pixel.
 //!
 //! It shares the stages of the portable path between projection and blend. No stage knows a lens: [`RayTables`] holds
 //! what they need of it, made on the host in f64. So every lens is drawn by the same pipelines.
