@@ -19,12 +19,16 @@ struct RaySplat {
     float chord;  // all rays that meet the splat end within this distance of `centre`
 };
 
-// The falloff of a splat along a ray: beyond every limit where the ray leads away from it.
+// The falloff at |s|^2 and w: beyond every limit where the ray leads away from the splat.
+float falloff_of(float square, float w, float kappa) {
+    return w > 0.0 ? square / (w * w + kappa * square) : EVERYWHERE;
+}
+
+// The falloff of a splat along a ray.
 float falloff_along(RaySplat splat, vec3 ray) {
     vec3 e = ray - splat.centre;
     float s = dot(splat.u, e), t = dot(splat.v, e), w = dot(splat.q, ray);
-    float square = s * s + t * t;
-    return w > 0.0 ? square / (w * w + splat.kappa * square) : EVERYWHERE;
+    return falloff_of(s * s + t * t, w, splat.kappa);
 }
 
 // Two directions across a direction: away from the axis of the camera, and around it.

@@ -10,7 +10,7 @@ mod setting;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::rules::{ALPHA_MIN, Footprint, Order, Response, Rules, by_name};
+use crate::rules::{ALPHA_MIN, Footprint, Order, Rules, by_name};
 
 pub use knobs::{Effect, Group, Held, KNOBS, Kind, Knob};
 pub use setting::Value;
@@ -150,8 +150,6 @@ impl Options {
             Some("a picture with levels of detail has no certificate: their errors are predictions")
         } else if self.rules.extent == Footprint::ThreeSigmaSquares {
             Some("a picture in which splats end at the borders of tiles has no certificate")
-        } else if self.rules.response == Response::Ray {
-            Some("a picture along rays has no certificate")
         } else {
             None
         }

@@ -1,7 +1,8 @@
 //! The certificate of a picture: an upper bound of the error at every pixel, against the sum of all contributions.
 
+use crate::common::lens::{all, around, through};
 use crate::common::{Gpu, Random, gaussians};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use smalto::camera::Camera;
 use smalto::options::Options;
 use smalto::packing::Statistics;
@@ -9,7 +10,7 @@ use smalto::pixels::Pixels;
 use smalto::procedural::cactus;
 use smalto::reference;
 use smalto::render::{GpuScene, Path, Renderer};
-use smalto::rules::{Background, Footprint, Rules};
+use smalto::rules::{Background, Footprint, Response, Rules};
 use smalto::scene::{Gaussians, Raw};
 
 /// What is left out in ways that a certificate is for, beside nothing more than the rules do.
@@ -36,9 +37,15 @@ fn certified(gpu: &Gpu, scene: &Gaussians, camera: &Camera, options: &Options, b
 
 /// Largest and mean of the error and of the bound, over all channels; fails where a bound is passed.
 fn holds(name: &str, scene: &Gaussians, camera: &Camera, background: Background) {
+    responds(name, scene, camera, background, Response::Screen);
+}
+
+/// Likewise for pinholes along rays, too.
+fn responds(name: &str, scene: &Gaussians, camera: &Camera, background: Background, response: Response) {
     let gpu = Gpu::new();
-    let complete = reference::render(scene, camera, &Rules::TRAINED.complete(), background);
+    let complete = reference::render(scene, camera, &Rules { response, ..Rules::TRAINED }.complete(), background);
     for (setting, options) in settings() {
+        let options = Options { rules: Rules { response, ..options.rules }, ..options };
         let [picture, certificate] = certified(&gpu, scene, camera, &options, background);
         let (mut largest, mut sums) = ([0.0_f64; 2], [0.0; 2]);
         for ((pixel, bound), exact) in picture.rgba.iter().zip(&certificate.rgba).zip(&complete.pixels) {
@@ -92,6 +99,32 @@ fn errors_stay_below_the_certificate_where_they_add_up() {
             .collect();
         let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [64, 48], 0.7);
         holds(&format!("layers {round}"), &gaussians(&layers), &camera, Background::BLACK);
+    }
+}
+
+#[test]
+fn errors_stay_below_the_certificate_along_rays() {
+    for (i, (name, camera)) in all([64, 48]).into_iter().enumerate() {
+        let scene = around(&mut Random(30 + i as u64), &camera, 500);
+        holds(name, &scene, &camera, Background::Colour([0.2, 0.9, 0.4]));
+    }
+    let pinhole = Camera { lens: None, ..through("PINHOLE", &[], [64, 48], 2.2) };
+    let scene = around(&mut Random(60), &pinhole, 500);
+    responds("pinhole along rays", &scene, &pinhole, Background::BLACK, Response::Ray);
+}
+
+#[test]
+fn a_certified_picture_along_rays_is_that_of_the_path_rays() {
+    let gpu = Gpu::new();
+    for (name, camera) in all([61, 37]) {
+        let scene = around(&mut Random(8), &camera, 400);
+        for (setting, options) in settings() {
+            let [picture, certificate] = certified(&gpu, &scene, &camera, &options, Background::BLACK);
+            let portable = Options { portable: true, ..options };
+            assert!(picture == gpu.render(&scene, &camera, &portable), "{name}, {setting}");
+            let sees = |i: usize| camera.ray(DVec2::new((i % 61) as f64 + 0.5, (i / 61) as f64 + 0.5)).is_some();
+            assert!((0..61 * 37).all(|i| sees(i) || certificate.rgba[i] == [0.0, 0.0, 0.0, 1.0]), "{name}, {setting}");
+        }
     }
 }
 

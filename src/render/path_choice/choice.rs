@@ -57,7 +57,7 @@ impl PathChoice {
         // A scene in pages is drawn in slabs, whose buffers are made for the first picture.
         let gaussians = if scene.is_paged() { scene.len().min(SELF_TEST_GAUSSIANS) } else { scene.len() };
         let guess = Capacity::guess(device, gaussians, 1);
-        // Only the portable path makes counts and certificates.
+        // Only the portable path and rays make counts and certificates.
         let fast = match variation {
             Variation::Plain => FastEngine::new(device, options, layout, guess)?,
             Variation::Counting | Variation::Certifying => None,
@@ -81,7 +81,8 @@ impl PathChoice {
             streamer: None,
             is_repeated: false,
             notice: is_left_to_portable.then(|| {
-                "the portable path draws, since only it makes certificates; without --certificate the fast path draws"
+                "the portable path, or rays through a lens, draws, since only these make certificates; without \
+                 --certificate the fast path draws"
                     .to_owned()
             }),
             self_test_time: None,

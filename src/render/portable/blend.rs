@@ -151,7 +151,7 @@ impl Blending {
 
 /// An upper bound on the colour of all unlisted Gaussians, counted twice: once directly, and once in the colour behind
 /// a listed splat.
-fn unlisted(scene: &GpuScene, background: [f32; 3]) -> f32 {
+pub(in crate::render) fn unlisted(scene: &GpuScene, background: [f32; 3]) -> f32 {
     let brightest = background.map(f64::from).into_iter().fold(scene.layout().brightest, f64::max);
     (2.0 * scene.len() as f64 * f64::from(LISTED_ALPHA) * brightest) as f32
 }

@@ -16,7 +16,7 @@ mod sort;
 mod stages;
 mod workspace;
 
-pub(super) use blend::{Pass, Walk};
+pub(super) use blend::{Pass, Walk, unlisted};
 pub(super) use pipeline::{PortablePipeline, chunks};
 pub(super) use sort::digit_bits;
 pub use sort::{Pairs, RadixSort, SortRange, SortScratch};

@@ -10,10 +10,10 @@ use crate::options::Options;
 use crate::packing::Layout;
 use crate::render::constants::shared;
 use crate::render::frame::{DepthKeys, Shot, SubgroupLimits, Target, Variation, footprint_code, tiles};
-use crate::render::portable::{PortablePipeline, PortableWorkspace, Walk, chunks};
+use crate::render::portable::{Pass, PortablePipeline, PortableWorkspace, Walk, chunks, unlisted};
 use crate::render::shaders::rays::*;
 use crate::render::shaders::{PortableDispatches, RaySplat, SharedConstants, Totals};
-use crate::rules::{Footprint, Order, Rules};
+use crate::rules::{Footprint, LISTED_ALPHA, Order, Rules};
 
 /// The stages of a frame along rays, for one set of options and one layout of a scene.
 pub struct RaysPipeline {
@@ -21,8 +21,13 @@ pub struct RaysPipeline {
     cull: Stage<Cull>,
     project: Stage<Project>,
     list: Stage<List>,
-    /// The first begins pixels, the second resumes them.
-    blend: [Stage<Blend>; 2],
+    blend: Blends,
+}
+
+/// The first of each pair begins pixels, the second resumes them.
+enum Blends {
+    Plain([Stage<Blend>; 2]),
+    Certified([Stage<BlendCertified>; 2]),
 }
 
 /// A frame: what it shows, its tables and its buffers.
@@ -49,24 +54,32 @@ impl RaysPipeline {
     /// If a pipeline cannot be made.
     pub fn new(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
         let subgroups = SubgroupLimits::of(device, options);
-        // Rays know no squares on the screen.
-        let extent = match options.rules.extent {
-            Footprint::ThreeSigmaSquares => Footprint::ThreeSigma,
-            other => other,
+        let constants = shared(options, layout, 32 * subgroups.ballot_words);
+        // A certificate needs lists with the splats that the picture omits.
+        let (listed_alpha, footprint) = match (variation, options.rules.extent) {
+            (Variation::Certifying, _) => (LISTED_ALPHA, Footprint::Exact),
+            // Rays know no squares on the screen.
+            (_, Footprint::ThreeSigmaSquares) => (constants.alpha_min, Footprint::ThreeSigma),
+            (_, other) => (constants.alpha_min, other),
         };
-        let constants =
-            SharedConstants { extent: footprint_code(extent), ..shared(options, layout, 32 * subgroups.ballot_words) };
+        let listing = SharedConstants { alpha_min: listed_alpha, extent: footprint_code(footprint), ..constants };
         let count = variation == Variation::Counting;
-        let blend = |resume| {
+        let plain = |resume| {
             let cull_pixel_blocks = !options.portable;
-            Stage::new(device, &BlendConstants { cull_pixel_blocks, resume, count, ..BlendConstants::of(&constants) })
+            Stage::new(device, &BlendConstants { cull_pixel_blocks, resume, count, ..BlendConstants::of(&listing) })
+        };
+        let certified =
+            |resume| Stage::new(device, &BlendCertifiedConstants { resume, ..BlendCertifiedConstants::of(&constants) });
+        let blend = match variation {
+            Variation::Certifying => Blends::Certified([certified(false)?, certified(true)?]),
+            Variation::Plain | Variation::Counting => Blends::Plain([plain(false)?, plain(true)?]),
         };
         Ok(Self {
             options: *options,
             cull: Stage::new(device, &())?,
-            project: Stage::new(device, &ProjectConstants::of(&constants))?,
-            list: Stage::new(device, &ListConstants::of(&constants))?,
-            blend: [blend(false)?, blend(true)?],
+            project: Stage::new(device, &ProjectConstants::of(&listing))?,
+            list: Stage::new(device, &ListConstants::of(&listing))?,
+            blend,
         })
     }
 
@@ -220,28 +233,30 @@ impl RaysPipeline {
         target: Target,
         passes: u32,
     ) {
-        let RaysFrame { tables, work, splats, .. } = frame;
+        let RaysFrame { shot, tables, work, splats } = frame;
         let (image, background) = (target.image, target.background.colour());
-        let tiles: u32 = tiles(image.size()).iter().product();
+        let (ranges, totals, rays, size_px) = (&work.ranges, &work.totals, &tables.lens.rays, image.size());
+        let tiles: u32 = tiles(size_px).iter().product();
+        let groups = DispatchSize::Groups(tiles.into());
         Walk::whole(passes).record(cmd, portable.blending.entries_per_pass, |cmd, pass| {
-            let bindings = BlendBindings {
-                ranges: &work.ranges,
-                splat_ids,
-                splats,
-                totals: &work.totals,
-                tiles_by_class: &work.tiles_by_class,
-                image,
-                rays: &tables.lens.rays,
-            };
-            let push = BlendPush {
-                size_px: image.size(),
-                tiles,
-                background,
-                pass_begin: pass.begin,
-                pass_limit: pass.limit,
-                last_pass: pass.last,
-            };
-            cmd.dispatch(&self.blend[pass.stage], bindings, push, DispatchSize::Groups(tiles.into()));
+            let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;
+            match &self.blend {
+                Blends::Plain(stages) => {
+                    let tiles_by_class = &work.tiles_by_class;
+                    let bindings = BlendBindings { ranges, splat_ids, splats, totals, tiles_by_class, image, rays };
+                    let push = BlendPush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
+                    cmd.dispatch(&stages[stage], bindings, push, groups);
+                }
+                Blends::Certified(stages) => {
+                    let certificate = target.certificate.expect("a certifying renderer is given an image for it");
+                    let bindings =
+                        BlendCertifiedBindings { ranges, splat_ids, splats, totals, image, certificate, rays };
+                    let unlisted = unlisted(shot.scene, background);
+                    let push =
+                        BlendCertifiedPush { size_px, tiles, background, pass_begin, pass_limit, last_pass, unlisted };
+                    cmd.dispatch(&stages[stage], bindings, push, groups);
+                }
+            }
         });
     }
 }

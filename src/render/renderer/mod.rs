@@ -406,8 +406,6 @@ impl Renderer {
             "sees no scenes at places"
         } else if self.scene.is_paged() {
             "sees only scenes that are in GPU memory as a whole, without levels of detail"
-        } else if self.certificate.is_some() {
-            "has pictures without certificates"
         } else if !inspection.is_none_or(Inspection::suits_rays) {
             "has pictures without centres, outlines, isolated Gaussians and a culling camera"
         } else {
