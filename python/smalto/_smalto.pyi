@@ -266,10 +266,12 @@ class Renderer:
     def _show(self, channels: Channels) -> None: ...
     def _draw_exported(self, views: list[tuple[Camera, Exported]], has_depth: bool) -> list[dict[str, float]]: ...
 
-def compare(a: Picture | ArrayLike, b: Picture | ArrayLike) -> dict[str, Any]:
+def compare(
+    a: Picture | ArrayLike, b: Picture | ArrayLike, *, camera: Camera | None = None
+) -> dict[str, Any]:
     """The difference of two pictures or arrays (height, width, 3), of floats where 1 is white, or of uint8: a dictionary
     with max_error, mse, psnr_db (None if they are equal), ssim, flip and more, as `smalto compare --json` reports them.
-    Errors: ValueError if the sizes differ."""
+    With `camera`, pixels without a ray through its lens do not count. Errors: ValueError if the sizes differ."""
 def reference(
     scene: Scene,
     camera: Camera,

@@ -7,11 +7,13 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
-use smalto::measure::metrics::Difference;
+use smalto::camera;
+use smalto::measure::metrics::Scored;
 use smalto::pixels::{Alpha, Depths, Integers, Pixels};
 use smalto::render::{HostFrame, depths};
 
 use crate::arrays::numbers;
+use crate::camera::Camera;
 use crate::errors::exception;
 use crate::process::{check_process, lock};
 
@@ -292,16 +294,26 @@ fn image<'py, T: numpy::Element>(
 
 /// The difference of two pictures or arrays (height, width, 3), of floats where 1 is white, or of uint8: a dictionary
 /// with max_error, mse, psnr_db (None if they are equal), ssim, flip and more, as `smalto compare --json` reports them.
-/// Errors: ValueError if the sizes differ.
+/// With `camera`, pixels without a ray through its lens do not count. Errors: ValueError if the sizes differ.
 #[pyfunction]
-pub fn compare<'py>(py: Python<'py>, a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+#[pyo3(signature = (a, b, *, camera = None))]
+pub fn compare<'py>(
+    py: Python<'py>,
+    a: &Bound<'py, PyAny>,
+    b: &Bound<'py, PyAny>,
+    camera: Option<&Camera>,
+) -> PyResult<Bound<'py, PyAny>> {
     check_process()?;
     let (a, b) = (pixels(a, "a")?, pixels(b, "b")?);
     if a.size != b.size {
         let [[w, h], [x, y]] = [a.size, b.size];
         return Err(PyValueError::new_err(format!("the pictures differ in size: {w}x{h} and {x}x{y}")));
     }
-    let difference = py.detach(|| serde_json::to_string(&Difference::between(&a, &b)));
+    let camera = camera.map(|of| of.camera.sampled(a.size));
+    let difference = py.detach(|| {
+        let seen = camera.as_ref().and_then(camera::Camera::seen);
+        serde_json::to_string(&Scored::new(&a, &b, seen).difference())
+    });
     let text = difference.map_err(|why| PyValueError::new_err(why.to_string()))?;
     py.import("json")?.call_method1("loads", (text,))
 }

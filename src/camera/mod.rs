@@ -37,6 +37,7 @@ mod up;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3};
+use rayon::prelude::*;
 
 pub use cameras_json::{from_json, to_json, write};
 pub use control::{FIELDS_OF_VIEW, GLIDE_SECONDS, Navigator};
@@ -124,6 +125,15 @@ impl Camera {
             Some(lens) if !lens.is_parallel() => lens.direction(plane),
             _ => Some(plane.extend(1.0)),
         }
+    }
+
+    /// Whether each pixel has a ray, row-major; `None` if all have one.
+    pub fn seen(&self) -> Option<Vec<bool>> {
+        self.lens.as_ref()?;
+        let [width, height] = self.size_px.map(u64::from);
+        let place = |i: u64| DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let seen: Vec<bool> = (0..width * height).into_par_iter().map(|i| self.ray(place(i)).is_some()).collect();
+        seen.contains(&false).then_some(seen)
     }
 
     /// The same view with a lens, so that it is drawn along rays: that of a pinhole does not distort.

@@ -13,10 +13,11 @@ use smalto::viewer::{CompareTarget, Offscreen, Request, Setup};
 use super::frames::{SIZE, open, setup};
 use super::interaction::{frame, key};
 use crate::common::Gpu;
+use crate::common::lens::through;
 
 /// A scene with cameras around it, and the photographs of all but the last, which are renders; that of the camera "b"
-/// is darker.
-fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
+/// is darker. Pixels without a ray are white.
+fn with_photographs(folder: &Path, lens: &Camera) -> (Gpu, Offscreen, Vec<NamedCamera>) {
     let gpu = Gpu::new();
     let setup = Setup { hides_panels: false, ..setup(&["cactus:3000"]) };
     let mut offscreen = Offscreen::new(setup, &gpu.0, [700, 240]).unwrap();
@@ -26,7 +27,8 @@ fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
     let pose = |(i, name): (usize, &str)| {
         let turn = glam::DQuat::from_axis_angle(DVec3::Y, 0.3 * (i as f64 + 1.0));
         let position = pivot + turn * (home.position - pivot) * 0.7;
-        NamedCamera::new(format!("{name}.jpg"), Camera::looking_at(position, pivot, [96, 64], 1.0))
+        let Camera { position, rotation, .. } = Camera::looking_at(position, pivot, [96, 64], 1.0);
+        NamedCamera::new(format!("{name}.jpg"), Camera { position, rotation, ..lens.clone() })
     };
     let cameras: Vec<NamedCamera> = ["a", "b", "c", "d"].into_iter().enumerate().map(pose).collect();
     camera::write(&folder.join("cameras.json"), &cameras).unwrap();
@@ -38,11 +40,17 @@ fn with_photographs(folder: &Path) -> (Gpu, Offscreen, Vec<NamedCamera>) {
         if name == "b.jpg" {
             photograph.rgba.iter_mut().flatten().for_each(|value| *value *= 0.8);
         }
+        let blind = camera.seen().into_iter().flatten().enumerate().filter(|(_, sees)| !sees);
+        blind.for_each(|(i, _)| photograph.rgba[i] = [1.0; 4]);
         photograph.write(folder.join("images").join(name).with_extension("png"), Alpha::Opaque).unwrap();
     }
     offscreen.viewer().drop_file(&folder.join("cameras.json"));
     offscreen.settle().unwrap();
     (gpu, offscreen, cameras)
+}
+
+fn pinhole() -> Camera {
+    Camera::looking_at(DVec3::ZERO, DVec3::Z, [96, 64], 1.0)
 }
 
 fn press(offscreen: &mut Offscreen, which: Key) {
@@ -105,9 +113,30 @@ fn scenes_that_the_window_starts_with_are_seen_together() {
 }
 
 #[test]
+fn pixels_that_a_lens_does_not_see_are_not_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, mut offscreen, cameras) = with_photographs(folder.path(), &through("FISHEYE", &[], [96, 64], 8.0));
+    let blind = cameras[0].camera.seen().unwrap().into_iter().filter(|sees| !sees).count();
+    assert!(blind > 1000, "{blind}");
+    offscreen.viewer().requests.push(Request::Evaluate);
+    frame(&mut offscreen, Vec::new());
+    offscreen.settle().unwrap();
+    for row in &offscreen.viewer().cameras.evaluation.as_ref().unwrap().rows {
+        // The blind pixels are white in the photograph and black in the picture: less than 10 dB.
+        assert!(row.psnr_db.unwrap() > if row.name == "b.jpg" { 20.0 } else { 45.0 }, "{row:?}");
+    }
+    offscreen.viewer().go_to_camera(0, true);
+    offscreen.viewer().compare_with_photographs();
+    offscreen.settle().unwrap();
+    let measured = offscreen.viewer().comparison.pair_difference.as_ref().unwrap();
+    // The photograph is enlarged.
+    assert!(measured.difference.psnr_db.unwrap() > 20.0, "{measured:?}");
+}
+
+#[test]
 fn cameras_are_clicked_and_compared_with_their_photographs() {
     let folder = tempfile::tempdir().unwrap();
-    let (gpu, mut offscreen, cameras) = with_photographs(folder.path());
+    let (gpu, mut offscreen, cameras) = with_photographs(folder.path(), &pinhole());
     let viewer = offscreen.viewer();
     assert_eq!(
         viewer.cameras.photographs.as_ref().expect("they lie beside the cameras").count_of(&viewer.cameras.list),

@@ -5,6 +5,7 @@
 //! - `filter` - separable filters, for both
 //! - `difference` - all measures of colours together
 //! - `numbers` - measures of alpha, and of images of one number per pixel
+//! - `scored` - measures of the pixels that a camera sees
 //! - `report` - the report of a comparison as JSON
 //! - `samples` - images for tests
 
@@ -16,6 +17,7 @@ mod numbers;
 mod report;
 #[cfg(test)]
 mod samples;
+mod scored;
 mod ssim;
 
 pub use difference::{Difference, Over};
@@ -23,6 +25,7 @@ pub use errors::{changed8, fraction_over, largest_step, max_error, mse, non_fini
 pub use flip::{Flip, PIXELS_PER_DEGREE, flip};
 pub use numbers::{AlphaDifference, NumberDifference, OverRelative, relative_errors};
 pub use report::{Pair, Report};
+pub use scored::Scored;
 pub use ssim::ssim;
 
 use std::ops::Range;

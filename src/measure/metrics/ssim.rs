@@ -6,7 +6,7 @@ use super::{by_row, check_sizes, displayed};
 use crate::pixels::Pixels;
 
 /// Side of the window in pixels.
-const WINDOW: usize = 11;
+pub(super) const WINDOW: usize = 11;
 /// Standard deviation of the window's weights in pixels.
 const SIGMA: f64 = 1.5;
 /// (K1 L)^2 and (K2 L)^2 with K1 = 0.01, K2 = 0.03 and the peak L = 1.

@@ -27,7 +27,7 @@ impl Viewer {
         if comparison.is_measuring || is_known || comparison.target == CompareTarget::Nothing {
             return;
         }
-        if let Some(work) = snapshot.compare(area) {
+        if let Some(work) = snapshot.compare(area, &self.view.camera()) {
             comparison.is_measuring = true;
             self.jobs.start(move |_| Ok(work()), JobEvent::Compared);
         }

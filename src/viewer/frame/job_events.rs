@@ -10,7 +10,7 @@ use crate::host_memory::OutOfMemory;
 use crate::render::upload_pixels;
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::model::{
-    CompareTarget, Drawn, Event, JobEvent, LoadedScene, Pair, Second, Side, Viewer, fitted, over,
+    CompareTarget, Drawn, Event, JobEvent, LoadedScene, Pair, Second, Side, Viewer, covered, fitted, over,
 };
 
 /// Handles an event of a job. `device` is the one that the window draws on.
@@ -214,6 +214,7 @@ pub fn fit_picture(viewer: &mut Viewer, pair: &mut Pair, device: &Device) -> Res
     if let Some((name, pixels)) = &comparison.picture
         && (!has_size || comparison.is_stale)
     {
+        comparison.covered = covered(pixels.size, size);
         let pixels = match comparison.target {
             CompareTarget::Picture => fitted(&over(pixels, viewer.view.background), size, viewer.view.background),
             _ => fitted(pixels, size, viewer.view.background),

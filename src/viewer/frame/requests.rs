@@ -101,7 +101,8 @@ impl Session {
                 None => None,
             };
             let first = Arc::new(first.renderer.pixels()?);
-            viewer.inspector.set_snapshot(first, second);
+            let covered = viewer.comparison.covered.filter(|_| matches!(self.pair.second, Some(Second::Image(_))));
+            viewer.inspector.set_snapshot(first, second, covered);
         }
         viewer.compare_snapshot();
         Ok(())

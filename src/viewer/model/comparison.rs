@@ -62,6 +62,8 @@ pub struct Comparison {
     pub is_stale: bool,
     /// `picture` in the size of the window.
     pub fitted: Option<Arc<Pixels>>,
+    /// What `picture` covers of the window; `None` if it covers all.
+    pub covered: Option<Area>,
     /// The last measured difference of the two pictures.
     pub pair_difference: Option<PairDifference>,
     /// A job measures the difference.
@@ -117,6 +119,7 @@ impl Default for Comparison {
             last_request: 0,
             is_stale: false,
             fitted: None,
+            covered: None,
             pair_difference: None,
             is_measuring: false,
             area: None,
@@ -207,6 +210,16 @@ pub fn fitted(pixels: &Pixels, size: [u32; 2], background: Background) -> Pixels
     Pixels { size, rgba: (0..count).into_par_iter().map(pixel).collect() }
 }
 
+/// The rows of a window of `size` that [`fitted`] fills from a picture of size `of`; `None` if it fills all.
+pub fn covered(of: [u32; 2], size: [u32; 2]) -> Option<Area> {
+    let [width, height] = size;
+    let rows = f64::from(of[1]) * f64::from(width) / f64::from(of[0]);
+    // The first row whose centre is at or beyond a place.
+    let from = |place: f64| (place - 0.5).ceil().clamp(0.0, f64::from(height)) as u32;
+    let [top, bottom] = [-0.5, 0.5].map(|half| from(0.5 * f64::from(height) + half * rows));
+    ([top, bottom] != [0, height]).then_some([0, top, width, bottom])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -229,6 +242,23 @@ mod tests {
         let fitted = fitted(&ramp([8, 2]), [8, 6], Background::Colour([0.25; 3]));
         assert_eq!(fitted.at(3, 1), [0.25, 0.25, 0.25, 0.0]);
         assert_eq!(fitted.at(3, 2)[..2], [3.5, 0.5]);
+    }
+
+    #[test]
+    fn what_a_photograph_covers_is_what_is_opaque() {
+        for (of, size) in [
+            ([8, 2], [8, 6]),
+            ([8, 8], [4, 2]),
+            ([30, 20], [45, 44]),
+            ([1, 1], [31, 44]),
+            ([3, 2], [700, 500]),
+            ([9, 3], [9, 3]),
+        ] {
+            let fitted = fitted(&ramp(of), size, Background::BLACK);
+            let [_, top, _, bottom] = covered(of, size).unwrap_or([0, 0, size[0], size[1]]);
+            let opaque = |y: &u32| fitted.at(0, *y)[3] > 0.0;
+            assert_eq!((0..size[1]).filter(opaque).collect::<Vec<_>>(), (top..bottom).collect::<Vec<_>>(), "{of:?}");
+        }
     }
 
     #[test]

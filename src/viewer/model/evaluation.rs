@@ -1,4 +1,4 @@
-//! Evaluation of a scene: PSNR and SSIM of every camera's picture against its photograph.
+//! Evaluation of a scene: PSNR and SSIM of every camera's picture against its photograph, where the camera sees something.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use super::comparison::over;
 use super::plan::{Plan, Reusable};
 use crate::camera::{Camera, NamedCamera};
 use crate::gpu::Device;
-use crate::measure::metrics::{psnr, ssim};
+use crate::measure::metrics::Scored;
 use crate::pixels::Pixels;
 use crate::rules::Background;
 
@@ -65,12 +65,13 @@ impl Evaluation {
             progress(done as f64 / poses.len() as f64)?;
             let photograph = Pixels::read(file).with_context(|| file.display().to_string())?;
             let photograph = over(&photograph, background);
-            drawn.renderer.render(&taking(camera, photograph.size), background)?;
+            let camera = taking(camera, photograph.size);
+            drawn.renderer.render(&camera, background)?;
             let mut picture = drawn.renderer.pixels()?;
             // A photograph has no colours beyond 0 and 1.
             picture.rgba.iter_mut().for_each(|pixel| *pixel = pixel.map(|value| value.clamp(0.0, 1.0)));
-            let db = psnr(&picture, &photograph);
-            let ssim = ssim(&picture, &photograph);
+            let scored = Scored::new(&picture, &photograph, camera.seen());
+            let (db, ssim) = (scored.psnr(), scored.ssim());
             rows.push(EvaluationRow {
                 camera: *index,
                 name: name.clone(),

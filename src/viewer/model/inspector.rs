@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::plan::Side;
-use super::snapshot::{Snapshot, fitted_range};
+use super::snapshot::{Area, Snapshot, fitted_range};
 use super::view_modes::InspectionSettings;
 use crate::camera::Camera;
 use crate::pixels::Pixels;
@@ -42,9 +42,9 @@ impl Inspector {
     }
 
     /// Stores the pictures that were read back, with the next number.
-    pub fn set_snapshot(&mut self, first: Arc<Pixels>, second: Option<Arc<Pixels>>) {
+    pub fn set_snapshot(&mut self, first: Arc<Pixels>, second: Option<Arc<Pixels>>, covered: Option<Area>) {
         self.last_snapshot += 1;
-        self.snapshot = Some(Snapshot { number: self.last_snapshot, first, second });
+        self.snapshot = Some(Snapshot { number: self.last_snapshot, first, second, covered });
     }
 
     /// Fits the ends of the scale to the values of the first picture. Returns false without values.

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::measure::metrics::Difference;
+use crate::camera::Camera;
+use crate::measure::metrics::{Difference, Scored};
 use crate::pixels::Pixels;
 use crate::render::Quantity;
 
@@ -12,6 +13,9 @@ pub struct Snapshot {
     pub number: u64,
     pub first: Arc<Pixels>,
     pub second: Option<Arc<Pixels>>,
+    /// What a photograph covers, which is smaller than the view if it has another shape; `None` if the second picture
+    /// covers the view.
+    pub covered: Option<Area>,
 }
 
 /// A rectangle of a picture in pixels: left, top, right, bottom; right and bottom are exclusive.
@@ -22,7 +26,7 @@ pub type Area = [u32; 4];
 pub struct PairDifference {
     /// The number of the measured [`Snapshot`].
     pub number: u64,
-    /// `None` for the whole picture.
+    /// The area that was asked for; `None` for the whole picture.
     pub area: Option<Area>,
     pub difference: Difference,
 }
@@ -38,26 +42,48 @@ pub fn area_between(a: [u32; 2], b: [u32; 2], size: [u32; 2]) -> Option<Area> {
 }
 
 impl Snapshot {
-    /// The comparison of the two pictures, as work for a job; `None` without a second picture of the same size.
-    pub fn compare(&self, area: Option<Area>) -> Option<impl FnOnce() -> PairDifference + Send + use<>> {
+    /// The comparison of the two pictures where both show something and their `camera` sees something, as work for a
+    /// job; `None` without such a place, and without a second picture of the same size.
+    pub fn compare(
+        &self,
+        area: Option<Area>,
+        camera: &Camera,
+    ) -> Option<impl FnOnce() -> PairDifference + Send + use<>> {
         let (number, first, second) = (self.number, self.first.clone(), self.second.clone()?);
+        let camera = camera.sampled(first.size);
+        let shared = match (area, self.covered) {
+            (Some(area), Some(covered)) => Some(shared(area, covered)?),
+            (one, other) => one.or(other),
+        };
         (first.size == second.size).then_some(move || {
-            let difference = match area {
-                Some(area) => Difference::between(&cropped(&first, area), &cropped(&second, area)),
-                None => Difference::between(&first, &second),
+            let (width, seen) = (first.size[0], camera.seen());
+            let difference = match shared {
+                Some(area) => {
+                    let seen = seen.map(|seen| within(&seen, width, area));
+                    Scored::new(&cropped(&first, area), &cropped(&second, area), seen).difference()
+                }
+                None => Scored::new(&first, &second, seen).difference(),
             };
             PairDifference { number, area, difference }
         })
     }
 }
 
+/// The part that two areas share; `None` without one.
+fn shared(a: Area, b: Area) -> Option<Area> {
+    let [left, top, right, bottom] = [a[0].max(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].min(b[3])];
+    (left < right && top < bottom).then_some([left, top, right, bottom])
+}
+
 /// The pixels of an area.
-pub fn cropped(pixels: &Pixels, [left, top, right, bottom]: Area) -> Pixels {
-    let row = |y: u32| {
-        let begin = (y * pixels.size[0]) as usize;
-        pixels.rgba[begin + left as usize..begin + right as usize].iter().copied()
-    };
-    Pixels { size: [right - left, bottom - top], rgba: (top..bottom).flat_map(row).collect() }
+pub fn cropped(pixels: &Pixels, area @ [left, top, right, bottom]: Area) -> Pixels {
+    Pixels { size: [right - left, bottom - top], rgba: within(&pixels.rgba, pixels.size[0], area) }
+}
+
+/// The values of an area, of one value per pixel.
+fn within<T: Copy>(values: &[T], width: u32, [left, top, right, bottom]: Area) -> Vec<T> {
+    let row = |y: u32| values[(y * width + left) as usize..(y * width + right) as usize].iter().copied();
+    (top..bottom).flat_map(row).collect()
 }
 
 /// The ends of a scale between the first and the last percentile of the values of a picture. `None` without values.
@@ -74,6 +100,8 @@ pub fn fitted_range(pixels: &Pixels, quantity: Quantity) -> Option<[f32; 2]> {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::render::Scale;
 
@@ -89,13 +117,21 @@ mod tests {
         let pixel = |i: u32| if i % 40 < 20 { [0.5, 0.5, 0.5, 1.0] } else { [0.25, 0.5, 0.5, 1.0] };
         let second = Pixels { size: [40, 20], rgba: (0..800).map(pixel).collect() };
         let first = Pixels { size: [40, 20], rgba: vec![[0.5, 0.5, 0.5, 1.0]; 800] };
-        let still = Snapshot { number: 7, first: Arc::new(first), second: Some(Arc::new(second)) };
-        let of = |area| (still.compare(area).unwrap())();
+        let still = Snapshot { number: 7, first: Arc::new(first), second: Some(Arc::new(second)), covered: None };
+        let camera = Camera::looking_at(DVec3::ZERO, DVec3::Z, [40, 20], 1.0);
+        let of = |area| (still.compare(area, &camera).unwrap())();
         assert_eq!(of(Some([0, 0, 20, 20])).difference.psnr_db, None, "the left half is equal");
         let PairDifference { number, difference, .. } = of(Some([20, 3, 40, 20]));
         assert_eq!((number, difference.max_error), (7, 0.25));
         assert!((of(None).difference.mse - difference.mse / 2.0).abs() < 1e-12);
-        assert!(Snapshot { second: None, ..still }.compare(None).is_none());
+        // A photograph that covers the left half has nothing to compare on the right.
+        let still = Snapshot { covered: Some([0, 0, 20, 20]), ..still };
+        for area in [None, Some([5, 0, 40, 20])] {
+            let measured = still.compare(area, &camera).unwrap()();
+            assert_eq!((measured.area, measured.difference.psnr_db), (area, None));
+        }
+        assert!(still.compare(Some([20, 3, 40, 20]), &camera).is_none());
+        assert!(Snapshot { second: None, ..still }.compare(None, &camera).is_none());
     }
 
     #[test]

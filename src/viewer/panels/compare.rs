@@ -83,6 +83,9 @@ fn numbers(viewer: &mut Viewer, ui: &mut Ui) {
                     comparison.area = None;
                 }
             }
+            None if viewer.inspector.snapshot.as_ref().is_some_and(|snapshot| snapshot.covered.is_some()) => {
+                ui.label("Inside the photograph").on_hover_text("Rows of the view above and below it do not count");
+            }
             None => drop(ui.label("The whole pictures").on_hover_text("Ctrl and a drag compare a part of them")),
         }
         if comparison.is_measuring {
