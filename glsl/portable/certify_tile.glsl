@@ -1,5 +1,5 @@
-// One workgroup blends the list of a tile, one invocation per pixel, as blend_tile.glsl does, bit for bit, and bounds the
-// distance of the picture from the sum of all contributions in the same order.
+// One workgroup blends the list of a tile, one invocation per pixel, as blend_tile.glsl does, bit for bit, and bounds
+// the distance of the picture from the sum of all contributions in the same order.
 //
 // Let T be the transmittance of the picture and D the brightest colour. A contribution alpha that is left out moves a
 // colour by at most T * alpha * D, and everything behind the point where a pixel stops by at most T * D

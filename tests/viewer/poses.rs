@@ -123,7 +123,7 @@ fn pixels_that_a_lens_does_not_see_are_not_scored() {
     offscreen.settle().unwrap();
     for row in &offscreen.viewer().cameras.evaluation.as_ref().unwrap().rows {
         // The blind pixels are white in the photograph and black in the picture: less than 10 dB.
-        assert!(row.psnr_db.unwrap() > if row.name == "b.jpg" { 20.0 } else { 45.0 }, "{row:?}");
+        assert!(row.psnr_db.unwrap() > if row.name == "b.jpg" { 15.0 } else { 45.0 }, "{row:?}");
     }
     offscreen.viewer().go_to_camera(0, true);
     offscreen.viewer().compare_with_photographs();
