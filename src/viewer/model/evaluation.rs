@@ -1,4 +1,5 @@
-//! Evaluation of a scene: PSNR and SSIM of every camera's picture against its photograph, where the camera sees something.
+//! Evaluation of a scene: PSNR and SSIM of every camera's picture against its photograph, where the camera sees
+//! something.
 
 use std::path::PathBuf;
 
