@@ -342,6 +342,17 @@ def bent(camera, lens):
     return smalto.Camera(K=camera.K, size=camera.size, c2w=camera.c2w, lens=lens)
 
 
+def test_pixels_without_a_ray_are_not_compared(scene):
+    K = [[12, 0, 48], [0, 12, 32], [0, 0, 1]]  # eight radians from the left to the right
+    camera = smalto.Camera(K=K, size=(96, 64), viewmat=np.eye(4), lens=("FISHEYE", []))
+    blind = np.isnan(camera.rays()[1][..., 0])
+    assert 1000 < blind.sum() < blind.size
+    picture = smalto.Renderer(scene).render(camera)
+    photograph = np.where(blind[..., None], 1.0, picture.color).astype(np.float32)
+    assert smalto.compare(picture, photograph)["psnr_db"] < 10
+    assert smalto.compare(picture, photograph, camera=camera)["psnr_db"] is None
+
+
 def test_a_picture_through_a_lens_is_that_of_the_command(scene, tmp_path):
     lens = ("OPENCV_FISHEYE", [0.01, -0.002, 0.0, 0.1])
     turn = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
