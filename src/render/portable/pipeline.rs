@@ -148,6 +148,16 @@ impl PortablePipeline {
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
     }
 
+    /// # Panics
+    /// If the scene has another layout, or is culled by a higher threshold than it is drawn by.
+    pub(in crate::render) fn check(&self, scene: &GpuScene) {
+        assert!(
+            are_drawn_alike(&self.options, [&scene.layout, &self.layout]),
+            "a renderer draws scenes of the layout it was built for"
+        );
+        assert!(scene.alpha_min <= self.listed_alpha, "a scene is culled by no higher threshold than it is drawn by");
+    }
+
     /// Projects the Gaussians that were culled and compacted to splats.
     pub(in crate::render) fn project_visible(
         &self,
@@ -156,11 +166,7 @@ impl PortablePipeline {
         view: View,
         work: &PortableWorkspace,
     ) {
-        assert!(
-            are_drawn_alike(&self.options, [&scene.layout, &self.layout]),
-            "a renderer draws scenes of the layout it was built for"
-        );
-        assert!(scene.alpha_min <= self.listed_alpha, "a scene is culled by no higher threshold than it is drawn by");
+        self.check(scene);
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, scene, view, work, self.depth_keys(scene, camera)));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);

@@ -100,6 +100,7 @@ impl RaysPipeline {
     /// Records the stages up to the projection.
     pub fn record_splats(&self, cmd: &mut Commands, portable: &PortablePipeline, frame: RaysFrame) {
         let RaysFrame { shot, work, .. } = frame;
+        portable.check(shot.scene);
         portable.clear(cmd, work);
         cmd.scope("cull", |cmd| {
             self.cull(cmd, portable, frame);
