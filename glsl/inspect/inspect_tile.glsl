@@ -40,8 +40,7 @@ bool walk_splat(uint i, PLACE place, inout vec3 sum, inout float transmittance) 
 void main() {
     uint tile = workgroup();
     if (tile >= push.tiles) return;
-    uint tiles_x = div_up(push.size_px.x, TILE);
-    uvec2 pixel = uvec2(tile % tiles_x, tile / tiles_x) * TILE + uvec2(lane() % TILE, lane() / TILE);
+    uvec2 pixel = pixel_of_lane(tile);
     bool inside = all(lessThan(pixel, push.size_px));
     PLACE place = place_of(pixel);
     vec4 state = begin_pixel(pixel, inside);
@@ -54,8 +53,8 @@ void main() {
         stopped_lanes = 0;
         atomicMax(totals.longest_list, list.y - list.x);  // a maximum: order does not matter
     }
-    uint begin = list.x + min(push.pass_begin, list.y - list.x);
-    uint end = begin + min(push.pass_limit, list.y - begin);
+    uvec2 entries = entries_of_pass(list);
+    uint begin = entries.x, end = entries.y;
     if (WORK == WORK_TILE_LOAD) {
         sum = vec3(list.y - list.x);
         end = begin;

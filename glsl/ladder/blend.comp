@@ -97,8 +97,8 @@ void main() {
         stopped_lanes = 0;
         atomicMax(totals.longest_list, list.y - list.x);  // a maximum: order does not matter
     }
-    uint begin = list.x + min(push.pass_begin, list.y - list.x);
-    uint end = begin + min(push.pass_limit, list.y - begin);
+    uvec2 entries = entries_of_pass(list);
+    uint begin = entries.x, end = entries.y;
     vec2 centre = vec2(pixel) + 0.5;
     if (BATCH == 0) {
         blend_from_memory(centre, begin, end);

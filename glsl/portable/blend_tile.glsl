@@ -55,8 +55,8 @@ void main() {
         stopped_subgroups = 0;
         atomicMax(totals.longest_list, list.y - list.x);  // a maximum: order does not matter
     }
-    uint begin = list.x + min(push.pass_begin, list.y - list.x);
-    uint end = begin + min(push.pass_limit, list.y - begin);
+    uvec2 entries = entries_of_pass(list);
+    uint begin = entries.x, end = entries.y;
     bool subgroup_stopped = false;
     uint evaluations = 0, walked = 0;
     // Splats are loaded one batch ahead and their ids two, so that the loads run while a batch is blended.

@@ -79,8 +79,8 @@ void main() {
 
     if (lane() == 0) stopped_subgroups = 0;
     uvec2 list = ranges[tile];
-    uint begin = list.x + min(push.pass_begin, list.y - list.x);
-    uint end = begin + min(push.pass_limit, list.y - begin);
+    uvec2 entries = entries_of_pass(list);
+    uint begin = entries.x, end = entries.y;
     for (uint batch = begin; batch < end; batch += WORKGROUP) {
         // All lanes are done with the last batch. No lane stops before the next barrier, so all take the same branch.
         barrier();

@@ -9,7 +9,7 @@ use super::shaders::{Slab, View};
 use crate::camera::Camera;
 use crate::gpu::{Device, Image};
 use crate::options::Options;
-use crate::rules::{Background, Footprint, Order, TILE};
+use crate::rules::{Background, Footprint, LISTED_ALPHA, Order, Rules, TILE};
 use crate::scene::Bounds;
 
 /// The scene and the camera of one frame.
@@ -38,6 +38,17 @@ pub enum Variation {
     Counting,
     /// Makes a certificate of every picture, which takes much longer.
     Certifying,
+}
+
+impl Variation {
+    /// The alpha and the footprint by which splats are listed: a certificate needs lists with the splats that the
+    /// picture omits.
+    pub(in crate::render) fn listing(self, rules: &Rules) -> (f32, Footprint) {
+        match self {
+            Self::Plain | Self::Counting => (rules.alpha_min, rules.extent),
+            Self::Certifying => (LISTED_ALPHA, Footprint::Exact),
+        }
+    }
 }
 
 /// The subgroup sizes of the pipelines of the portable path.

@@ -81,8 +81,8 @@ impl PathChoice {
             streamer: None,
             is_repeated: false,
             notice: is_left_to_portable.then(|| {
-                "the portable path, or rays through a lens, draws, since only these make certificates; without \
-                 --certificate the fast path draws"
+                "only the portable path and, along rays, the path rays make certificates, so one of them draws; \
+                 without --certificate the fast path draws"
                     .to_owned()
             }),
             self_test_time: None,

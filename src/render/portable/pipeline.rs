@@ -18,7 +18,7 @@ use crate::render::frame::{
 use crate::render::scene::GpuScene;
 use crate::render::shaders::portable::*;
 use crate::render::shaders::{PortableDispatches, SharedConstants, Totals, View};
-use crate::rules::{Footprint, LISTED_ALPHA, Order};
+use crate::rules::Order;
 
 /// The stages of a portable frame, built for one set of options and one layout of a scene.
 pub struct PortablePipeline {
@@ -60,11 +60,7 @@ impl PortablePipeline {
         ensure!(rules.order != Order::PerPixel, "only the reference sorts the splats of every pixel on its own");
         let subgroups = SubgroupLimits::of(device, options);
         let constants = shared(options, layout, 32 * subgroups.ballot_words);
-        // A certificate needs lists with the splats that the picture omits.
-        let (listed_alpha, footprint) = match variation {
-            Variation::Plain | Variation::Counting => (rules.alpha_min, rules.extent),
-            Variation::Certifying => (LISTED_ALPHA, Footprint::Exact),
-        };
+        let (listed_alpha, footprint) = variation.listing(rules);
         let projecting = SharedConstants { alpha_min: listed_alpha, extent: footprint_code(footprint), ..constants };
         Ok(Self {
             options: *options,

@@ -13,7 +13,7 @@ use crate::render::frame::{DepthKeys, Shot, SubgroupLimits, Target, Variation, f
 use crate::render::portable::{Pass, PortablePipeline, PortableWorkspace, Walk, chunks, unlisted};
 use crate::render::shaders::rays::*;
 use crate::render::shaders::{PortableDispatches, RaySplat, SharedConstants, Totals};
-use crate::rules::{Footprint, LISTED_ALPHA, Order, Rules};
+use crate::rules::{Footprint, Order, Rules};
 
 /// The stages of a frame along rays, for one set of options and one layout of a scene.
 pub struct RaysPipeline {
@@ -55,12 +55,10 @@ impl RaysPipeline {
     pub fn new(device: &Device, options: &Options, layout: &Layout, variation: Variation) -> Result<Self> {
         let subgroups = SubgroupLimits::of(device, options);
         let constants = shared(options, layout, 32 * subgroups.ballot_words);
-        // A certificate needs lists with the splats that the picture omits.
-        let (listed_alpha, footprint) = match (variation, options.rules.extent) {
-            (Variation::Certifying, _) => (LISTED_ALPHA, Footprint::Exact),
+        let (listed_alpha, footprint) = match variation.listing(&options.rules) {
             // Rays know no squares on the screen.
-            (_, Footprint::ThreeSigmaSquares) => (constants.alpha_min, Footprint::ThreeSigma),
-            (_, other) => (constants.alpha_min, other),
+            (alpha, Footprint::ThreeSigmaSquares) => (alpha, Footprint::ThreeSigma),
+            other => other,
         };
         let listing = SharedConstants { alpha_min: listed_alpha, extent: footprint_code(footprint), ..constants };
         let count = variation == Variation::Counting;

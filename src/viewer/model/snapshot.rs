@@ -51,13 +51,13 @@ impl Snapshot {
     ) -> Option<impl FnOnce() -> PairDifference + Send + use<>> {
         let (number, first, second) = (self.number, self.first.clone(), self.second.clone()?);
         let camera = camera.sampled(first.size);
-        let shared = match (area, self.covered) {
+        let measured = match (area, self.covered) {
             (Some(area), Some(covered)) => Some(shared(area, covered)?),
             (one, other) => one.or(other),
         };
         (first.size == second.size).then_some(move || {
             let (width, seen) = (first.size[0], camera.seen());
-            let difference = match shared {
+            let difference = match measured {
                 Some(area) => {
                     let seen = seen.map(|seen| within(&seen, width, area));
                     Scored::new(&cropped(&first, area), &cropped(&second, area), seen).difference()
