@@ -2,12 +2,12 @@
 #include "fast/frame.glsl"
 #include "rays/splat.glsl"
 
-// `lens_table` has what the stages need of the lens of a picture, in elements of four words: the head, the rays of
-// bins, the cells of directions.
+// `lens_table` has what the stages need of the rays of a picture, in elements of four words: the head, then the rays of
+// bins.
 //
 // The head has two elements. All rays end within a spread of a middle: (middle, spread); and (the sine of half the
 // angle of the last row of footprints, the root of the sum of the variances of the widest footprint, 1 if the lens is
-// parallel, the first element of the cells).
+// parallel, 0).
 const uint HEAD = 2;
 
 // The rays of a bin are (middle, spread), (along_x, off), (along_y, 0). The ray of the pixel at (x, y) px from the
@@ -16,11 +16,12 @@ const uint HEAD = 2;
 // infinite. A bin without a ray has a negative spread.
 const uint BIN_RAYS = 3;
 
-// Directions lie in cells on the faces of a cube around the camera. A cell has two elements: the place on the picture
-// of its middle, px, and the derivatives of the place by the two coordinates of the face; then the bends of directions
+// `cells` has where a lens sees directions, for all pictures. Directions lie in cells on the faces of a cube around the
+// camera. A cell has two elements: the place of its middle in plane coordinates, in units of the focal lengths from the
+// principal point, and the derivatives of the place by the two coordinates of the face; then the bends of directions
 // that are near and far. Within an angle of NEAR_REACH or FAR_REACH, a place differs from the linear one by at most
-// bend * (angle + CELL)^2 px; where the lens has no such bound, the bend is infinite, and where all of these directions
-// are outside the lens, it is negative.
+// bend * (angle + CELL)^2; where the lens has no such bound, the bend is infinite, and where all of these directions
+// are outside the lens, it is negative. A parallel lens has no cells.
 const uint CELL_ELEMENTS = 2;
 const uint CELLS = 256;       // along an edge of the cube
 const float CELL = 0.0056;    // the largest angle between the middle of a cell and a direction in it

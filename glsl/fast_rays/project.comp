@@ -26,6 +26,7 @@ layout(binding = 8, scalar) writeonly buffer Spans { uint spans[]; };           
 layout(binding = 9, scalar) buffer CountersBlock { FastCounters counters; };
 layout(binding = 10, scalar) readonly buffer LensTable { uvec4 lens_table[]; };             // fast_rays/frame.glsl
 layout(binding = 11, scalar) readonly buffer Footprints { vec3 footprints[]; };             // [(FOOTPRINTS + 1)^2]
+layout(binding = 12, scalar) readonly buffer Cells { uvec4 cells[]; };       // [6 * CELLS^2 * CELL_ELEMENTS], or none
 layout(push_constant, scalar) uniform Push {
     View view;
     uint gaussians;

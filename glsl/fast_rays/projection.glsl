@@ -1,6 +1,6 @@
 // The projection of a Gaussian to a ray splat, and the bins that its rays are in.
 // Requires: fast_rays/frame.glsl, fast_rays/record.glsl, ellipse.glsl, depth.glsl, rotation.glsl, storage.glsl,
-// VIEW, lens_table[], footprints[]
+// VIEW, lens_table[], cells[], footprints[]
 
 #define IS_PARALLEL (lens_table[1].z == 1)
 #define HALF_SINE uintBitsToFloat(lens_table[1].x)
@@ -22,7 +22,7 @@ struct Place {
     vec2 px;
     vec3 grad_x;
     vec3 grad_y;
-    vec2 bends;  // near, far
+    vec2 bends;  // near, far; px
 };
 
 Place place_of(vec3 centre) {
@@ -38,18 +38,19 @@ Place place_of(vec3 centre) {
     vec2 at = turned.yz * per_face;
     uvec2 cell = min(uvec2(max((0.5 * at + 0.5) * float(CELLS), 0.0)), uvec2(CELLS - 1));
     uint face = 2 * axis + uint(turned.x < 0.0), index = (face * CELLS + cell.y) * CELLS + cell.x;
-    index = lens_table[1].w + CELL_ELEMENTS * index;
-    vec4 first = uintBitsToFloat(lens_table[index]), second = uintBitsToFloat(lens_table[index + 1]);
+    index *= CELL_ELEMENTS;
+    vec4 first = uintBitsToFloat(cells[index]), second = uintBitsToFloat(cells[index + 1]);
     vec2 offset = at - ((vec2(cell) + 0.5) * (2.0 / float(CELLS)) - 1.0);
     // The coordinates of the face change by these vectors, in turned axes.
     vec3 grad_a = per_face * vec3(-at.x * sign(turned.x), 1.0, 0.0);
     vec3 grad_b = per_face * vec3(-at.y * sign(turned.x), 0.0, 1.0);
-    vec3 grad_x = first.z * grad_a + second.x * grad_b, grad_y = first.w * grad_a + second.y * grad_b;
+    vec2 by_a = VIEW.focal_px * first.zw, by_b = VIEW.focal_px * second.xy;
+    vec3 grad_x = by_a.x * grad_a + by_b.x * grad_b, grad_y = by_a.y * grad_a + by_b.y * grad_b;
     Place place;
-    place.px = first.xy + first.zw * offset.x + second.xy * offset.y;
+    place.px = VIEW.focal_px * first.xy + VIEW.centre_px + by_a * offset.x + by_b * offset.y;
     place.grad_x = axis == 0 ? grad_x : axis == 1 ? grad_x.zxy : grad_x.yzx;
     place.grad_y = axis == 0 ? grad_y : axis == 1 ? grad_y.zxy : grad_y.yzx;
-    place.bends = second.zw;
+    place.bends = max(VIEW.focal_px.x, VIEW.focal_px.y) * second.zw;
     return place;
 }
 

@@ -11,6 +11,7 @@ import numpy as np
 from ._cuda import Frames, bring, is_same_device, update
 from ._lenses import Lenses
 from ._meta import Meta, is_tensor, of_covariances, projected, projector
+from ._shutter import Shutter
 from ._smalto import MAX_SH_DEGREE, Error, Renderer, Scene, device_for_cuda
 
 # An array of NumPy or a tensor of PyTorch.
@@ -30,9 +31,10 @@ class _Kept:
 
     def __init__(self, options, geometry, sh):
         self.options, self.frames, self.planes = options, {}, []
-        device, near, antialiased, _ = options
+        device, near, antialiased, _, response = options
         scene = _scene(geometry, sh)
-        self.renderer = Renderer(scene, device=device, preset="gsplat", near=near, antialiased=antialiased)
+        rules = {"near": near, "antialiased": antialiased, "response": response}
+        self.renderer = Renderer(scene, device=device, preset="gsplat", **rules)
         self._keep(geometry, sh)
 
     def draws(self, options, geometry, sh):
@@ -170,7 +172,7 @@ def rasterization(
     lidar_coeffs: None = None,
     external_distortion_coeffs: None = None,
     rolling_shutter: Any = None,
-    viewmats_rs: None = None,
+    viewmats_rs: Any = None,
     ut_params: Any = None,
     extra_signals: None = None,
     extra_signals_sh_degree: None = None,
@@ -199,14 +201,19 @@ def rasterization(
 
     camera_model: pinhole, ortho, fisheye or ftheta. radial_coeffs (..., C, 6) of pinhole, (..., C, 4) of fisheye;
         tangential_coeffs (..., C, 2) and thin_prism_coeffs (..., C, 4) of pinhole; ftheta_coeffs, an object of gsplat,
-        of ftheta. They need `with_ut` and `with_eval3d`, which are both True or both False. All but plain pinholes are
-        drawn along the rays of their pixels, as RGB, with a low-pass of 0.3 px^2; fisheye, ftheta and distorted
-        cameras in the order of the distance, which `near_plane` and `far_plane` are, too. The scene lies within
-        `far_plane`.
+        of ftheta. They need `with_ut` and `with_eval3d`, which are both True or both False.
+    rolling_shutter: an object of gsplat, or any with its `name`, like ROLLING_TOP_TO_BOTTOM. With it, `viewmats` are
+        the poses of the first row or column in time and `viewmats_rs` (..., C, 4, 4) those of the last; it needs
+        `with_ut` and `with_eval3d`. Each row or column is drawn as a picture of its own pose, in its own order, which
+        takes about as long as so many small pictures.
+
+    With `with_ut` and `with_eval3d`, and with all models but pinhole, splats are drawn along the rays of pixels, as RGB,
+    with a low-pass of 0.3 px^2 (gsplat's with_eval3d has none). All models but ortho are then drawn in the order of the
+    distance, which `near_plane` and `far_plane` are, too. The scene lies within `far_plane`.
 
     packed and tile_size are those of `meta`. sparse_grad, absgrad, channel_chunk, segmented and ut_params change no
     picture and are ignored. What is not drawn is refused by name: another eps2d, distances along rays (d, Ed,
-    RGB-d, RGB-Ed), the unscented transform alone, rolling shutter, normals, signals beside the colors, several ranks.
+    RGB-d, RGB-Ed), the unscented transform alone, normals, signals beside the colors, several ranks.
 
     Returns colors (..., C, height, width, X) and alphas (..., C, height, width, 1) in float32, and a mapping `meta`
     with gsplat's keys, whose values are computed when they are read: `help(type(meta))`. The scene of the last call
@@ -218,7 +225,8 @@ def rasterization(
         "tangential_coeffs": tangential_coeffs,
         "thin_prism_coeffs": thin_prism_coeffs,
     }
-    lenses = Lenses(camera_model, with_ut, with_eval3d, coefficients, ftheta_coeffs)
+    shutter = Shutter(rolling_shutter, viewmats_rs)
+    lenses = Lenses(camera_model, with_ut, with_eval3d, coefficients, ftheta_coeffs, shutter.rolls)
     refused = {
         "eps2d": not math.isclose(eps2d, 0.3),
         "distributed": bool(distributed),
@@ -227,8 +235,6 @@ def rasterization(
         "rays": rays is not None,
         "lidar_coeffs": lidar_coeffs is not None,
         "external_distortion_coeffs": external_distortion_coeffs is not None,
-        "rolling_shutter": getattr(rolling_shutter, "name", "GLOBAL") != "GLOBAL",
-        "viewmats_rs": viewmats_rs is not None,
         "extra_signals": extra_signals is not None,
         "extra_signals_sh_degree": extra_signals_sh_degree is not None,
         "renderer_config": type(renderer_config).__name__ not in ("NoneType", "RendererConfig_MixedBatch"),
@@ -262,6 +268,7 @@ def rasterization(
         "opacities": opacities,
         "colors": colors,
         "viewmats": viewmats,
+        "viewmats_rs": viewmats_rs,
         "Ks": Ks,
         "backgrounds": backgrounds,
         "covars": covars,
@@ -280,19 +287,20 @@ def rasterization(
     }
     # gsplat draws what lies on the near plane, smalto only what lies beyond.
     near = max(float(np.nextafter(np.float32(near_plane), np.float32(-np.inf))), float(np.finfo(np.float32).tiny))
-    options = (device, near, rasterize_mode == "antialiased", sh_degree is None)
+    response = "screen" if lenses.is_pinhole else "ray"
+    options = (device, near, rasterize_mode == "antialiased", sh_degree is None, response)
 
     depth_mode = render_mode.split("+")[-1] if render_mode != "RGB" else None
     channels = 0 if not has_color else 3 if sh_degree is not None else arrays["colors"].shape[-1]
     shapes = [(count, cameras, size[1], size[0], n) for n in (channels + (depth_mode is not None), 1)]
     timings = []
     with _lock:
-        # Pictures through lenses come over the host.
+        # Pictures along rays come over the host.
         canvas = _canvas(options, arrays["means"], shapes) if lenses.is_pinhole else _Host(*shapes)
         for b in range(count):
             one = {name: values[b] for name, values in scenes.items()}
             limits, into = (near_plane, far_plane, radius_clip), (canvas, b, timings)
-            _draw(one, options, size, sh_degree, limits, depth_mode, lenses, into)
+            _draw(one, options, size, sh_degree, limits, depth_mode, lenses, shutter, into)
     colors, alphas = canvas.colors, canvas.alphas
     if backgrounds is not None:
         ground = scenes["backgrounds"] if isinstance(canvas, _Device) else _host(scenes["backgrounds"])
@@ -319,19 +327,20 @@ def release() -> None:
         _kept = None
 
 
-def _draw(one, options, size, sh_degree, limits, depth_mode, lenses, into):
+def _draw(one, options, size, sh_degree, limits, depth_mode, lenses, shutter, into):
     """Draws the views of one scene: a picture for every three channels, and one more scene for every camera that leaves
     out what lies beyond the far plane or is too small, or has its own spherical harmonics."""
     canvas, b, timings = into
     drawn, alphas = canvas.colors[b], canvas.alphas[b]
-    seen_from = {name: _host(one[name]) for name in ("viewmats", "Ks", *lenses.sizes) if name in one}
-    poses, views = seen_from["viewmats"], lenses.cameras(seen_from, size)
+    seen_from = {name: _host(one[name]) for name in ("viewmats", "viewmats_rs", "Ks", *lenses.sizes) if name in one}
+    views = lenses.views(seen_from, size, shutter)
+    poses = np.concatenate([seen_from[name] for name in ("viewmats", "viewmats_rs") if name in seen_from])
     colors = one.get("colors")
     has_own_colors = colors is not None and colors.ndim == (3 if sh_degree is None else 4)
     (near_plane, far_plane, radius_clip), is_antialiased = limits, options[2]
     is_cut = _farthest(one["means"], poses) > far_plane or radius_clip > 0
     if is_cut and not lenses.is_pinhole:
-        raise ValueError(f"far_plane: smalto draws all of a scene through lenses, so pass more than {far_plane}")
+        raise ValueError(f"far_plane: smalto draws all of a scene along rays, so pass more than {far_plane}")
     apart = [[c] for c in range(len(views))] if has_own_colors or is_cut else [list(range(len(views)))]
     for some in apart:
         look = colors[some[0]] if has_own_colors else colors
@@ -353,12 +362,13 @@ def _draw(one, options, size, sh_degree, limits, depth_mode, lenses, into):
             stop = start if look is None else min(start + _CHANNELS, drawn.shape[-1] - (depth_mode is not None))
             # All pictures of a camera have the same depths.
             has_depth = depth_mode is not None and group == 0
-            pictures = canvas.draw(kept, [views[c] for c in some], has_depth)
-            for c, (color, alpha, depth, times) in zip(some, pictures):
-                drawn[c, ..., start:stop] = color[..., : stop - start]
-                alphas[c, ..., 0] = alpha
+            parts = [(drawn[c][where], alphas[c][where], camera) for c in some for where, camera in views[c]]
+            pictures = canvas.draw(kept, [camera for _, _, camera in parts], has_depth)
+            for (into, coverage, _), (color, alpha, depth, times) in zip(parts, pictures):
+                into[..., start:stop] = color[..., : stop - start]
+                coverage[..., 0] = alpha
                 if has_depth:
-                    drawn[c, ..., -1] = depth * alpha if depth_mode == "D" else depth
+                    into[..., -1] = depth * alpha if depth_mode == "D" else depth
                 timings.append(times)
 
 
@@ -439,11 +449,11 @@ def _wide(values):
 
 
 def _checked_for_lenses(lenses, render_mode, sh_degree, radius_clip):
-    """Refuses what smalto cannot draw through a lens."""
+    """Refuses what smalto cannot draw along rays."""
     if render_mode != "RGB":
-        raise ValueError(f"render_mode: rasterization draws {lenses.model} pictures without depths, so pass RGB")
+        raise ValueError("render_mode: rasterization draws pictures along rays without depths, so pass RGB")
     if radius_clip > 0:
-        raise ValueError("radius_clip: smalto draws pictures through lenses without it, so pass 0")
+        raise ValueError("radius_clip: smalto draws pictures along rays without it, so pass 0")
     if lenses.model == "ortho" and sh_degree:
         raise ValueError(
             "sh_degree: smalto draws colors of ortho cameras as seen along z, gsplat as seen from the position, so "
@@ -466,6 +476,7 @@ def _checked_shapes(arrays, sh_degree, coefficients):
         "opacities": (n,),
         "covars": (n, 3, 3),
         "viewmats": (c, 4, 4),
+        "viewmats_rs": (c, 4, 4),
         "Ks": (c, 3, 3),
         **{name: (c, count) for name, count in coefficients.items()},
         "backgrounds": (c, 3 if sh_degree is not None else shapes.get("colors", (0,))[-1]),

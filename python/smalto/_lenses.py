@@ -20,7 +20,7 @@ _F_THETA_ORIGIN = 0.5
 class Lenses:
     """The camera model of a call with its arguments, which are refused where smalto cannot draw them."""
 
-    def __init__(self, model, with_ut, with_eval3d, coefficients, ftheta_coeffs):
+    def __init__(self, model, with_ut, with_eval3d, coefficients, ftheta_coeffs, rolls):
         if model not in _COEFFICIENTS:
             raise ValueError(f"camera_model: smalto draws {', '.join(_COEFFICIENTS)}, found {model}")
         self.model, self.sizes = model, _COEFFICIENTS[model]
@@ -40,36 +40,28 @@ class Lenses:
             given.append("ftheta_coeffs")
         if given and not with_ut:
             raise ValueError(f"{given[0]}: smalto draws distortion along rays, so pass with_ut=True, with_eval3d=True")
-        if with_ut and model == "pinhole" and not given:
-            raise ValueError(
-                "with_ut: rasterization draws pinholes without distortion by their projection, so pass with_ut=False "
-                "and with_eval3d=False; Renderer(response='ray') draws them along rays"
-            )
-        self.is_pinhole = model == "pinhole" and not given
+        if rolls and not with_ut:
+            raise ValueError("rolling_shutter: smalto draws it along rays, so pass with_ut=True, with_eval3d=True")
+        self.is_pinhole = model == "pinhole" and not with_ut
         self.has_order_of_z = self.is_pinhole or model == "ortho"
         self.f_theta = None if ftheta_coeffs is None else _f_theta(ftheta_coeffs)
 
-    def cameras(self, scene, size):
-        """The camera of each view of a scene, whose arrays are on the host."""
-        views = zip(scene["Ks"], scene["viewmats"])
-        if self.is_pinhole:
-            return [Camera._as_given(K, size, pose) for K, pose in views]
+    def views(self, scene, size, shutter):
+        """The parts of the picture of each view of a scene, whose arrays are on the host: where each part is in the
+        picture (rows, columns), and its camera."""
         found = []
-        for c, (K, pose) in enumerate(views):
-            numbers = {name: scene[name][c].tolist() if name in scene else [0.0] * n for name, n in self.sizes.items()}
+        for c, (K, pose) in enumerate(zip(scene["Ks"], scene["viewmats"])):
+            lens = None
             if self.f_theta is not None:
                 focal, lens = self.f_theta
                 x, y = (float(K[axis, 2]) + _F_THETA_ORIGIN for axis in (0, 1))
                 K = np.array([[focal, 0, x], [0, focal, y], [0, 0, 1]])
-            else:
-                lens = (_MODELS[self.model], sum(numbers.values(), []))
-            camera = Camera._as_given(K, size, pose, lens)
-            if camera.lens is None:
-                raise ValueError(
-                    f"{', '.join(numbers)}: all are 0, and rasterization draws pinholes by their projection, so pass None, "
-                    "with_ut=False and with_eval3d=False"
-                )
-            found.append(camera)
+            elif not self.is_pinhole:
+                numbers = [scene[name][c].tolist() if name in scene else [0.0] * n for name, n in self.sizes.items()]
+                lens = (_MODELS[self.model], sum(numbers, []))
+            last = scene["viewmats_rs"][c] if shutter.rolls else None
+            parts = shutter.parts(K, size, pose, last)
+            found.append([(where, Camera._as_given(*camera, lens)) for where, *camera in parts])
         return found
 
 

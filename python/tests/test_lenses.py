@@ -315,15 +315,86 @@ def test_channels_and_backgrounds_are_drawn_through_lenses():
     assert np.abs(over - colors - (1 - alphas)).max() < 1e-6
 
 
+@pytest.mark.parametrize("coefficients", [{}, {"radial_coeffs": np.zeros((2, 6), np.float32)}])
+def test_pinholes_are_drawn_along_rays_if_asked_for(coefficients):
+    arguments = scene()
+    colors, _, meta = smalto.rasterization(**arguments, **BENT, **coefficients)
+    gaussians = smalto.Scene.from_arrays(
+        *(arguments[name] for name in ("means", "quats", "scales", "opacities", "colors"))
+    )
+    renderer = smalto.Renderer(gaussians, preset="gsplat", near=0.01, response="ray")
+    for c, pose in enumerate(arguments["viewmats"]):
+        picture = renderer.render(smalto.Camera(K=arguments["Ks"][c], size=SIZE, viewmat=pose), layers=("color", "alpha"))
+        assert np.abs(colors[c] - picture.color).max() < 1e-6
+    plain, _, _ = smalto.rasterization(**arguments)
+    assert np.abs(colors - plain).max() > 0.01 and "radii" not in meta
+
+
+def rolling(name):
+    """A value of gsplat's RollingShutterType, which needs CUDA."""
+    return types.SimpleNamespace(name=name)
+
+
+ROLLING = {
+    "ROLLING_TOP_TO_BOTTOM": (0, 1),
+    "ROLLING_BOTTOM_TO_TOP": (0, -1),
+    "ROLLING_LEFT_TO_RIGHT": (1, 1),
+    "ROLLING_RIGHT_TO_LEFT": (1, -1),
+}
+
+
+@pytest.mark.parametrize("name", ROLLING)
+def test_each_row_or_column_is_seen_from_its_own_pose(name):
+    arguments = scene()
+    if name.endswith(("TOP", "LEFT")):
+        arguments |= {"camera_model": "fisheye", "radial_coeffs": RADIAL[[0, 0]]}
+    angle = np.float32(0.4)
+    turn = np.eye(4, dtype=np.float32)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    turn[:3, 3] = [0.2, -0.1, 0.3]
+    last = turn @ arguments["viewmats"]
+    axis, sense = ROLLING[name]
+    # With an odd count, the middle part has the time 1/2.
+    arguments |= {"width": 31, "height": 21, "Ks": arguments["Ks"] * np.float32([[[0.5], [0.5], [1]]])}
+    rolled, alphas, _ = smalto.rasterization(**arguments, **BENT, rolling_shutter=rolling(name), viewmats_rs=last)
+    assert alphas.std() > 0.05
+
+    def row_of(viewmats, k):
+        still, _, _ = smalto.rasterization(**(arguments | {"viewmats": viewmats}), **BENT)
+        assert np.abs(np.take(rolled - still, k, axis + 1)).max() < 2e-5
+        return np.abs(rolled - still).max()
+
+    count = rolled.shape[axis + 1]
+    first_k, last_k = (0, count - 1) if sense > 0 else (count - 1, 0)
+    assert row_of(arguments["viewmats"], first_k) > 0.02, "other rows are seen from elsewhere"
+    assert row_of(last, last_k) > 0.02
+    row_of(np.stack([_middle(*ends) for ends in zip(arguments["viewmats"], last)]), count // 2)
+
+
+def _middle(first, last):
+    """The pose half-way, by the square root of the rotation between both."""
+    first, last = first.astype(np.float64), last.astype(np.float64)
+    values, vectors = np.linalg.eig(last[:3, :3] @ first[:3, :3].T)
+    pose = (first + last) / 2
+    pose[:3, :3] = (vectors @ np.diag(np.sqrt(values)) @ np.linalg.inv(vectors)).real @ first[:3, :3]
+    return pose.astype(np.float32)
+
+
+def test_a_shutter_that_rolls_without_motion_draws_the_same_picture():
+    arguments = scene() | {"camera_model": "fisheye", **BENT}
+    still, _, _ = smalto.rasterization(**arguments)
+    both = {"rolling_shutter": rolling("ROLLING_LEFT_TO_RIGHT"), "viewmats_rs": arguments["viewmats"]}
+    rolled, _, _ = smalto.rasterization(**arguments, **both)
+    assert np.abs(rolled - still).max() < 2e-5
+
+
 @pytest.mark.parametrize(
     "change, text",
     [
         ({"camera_model": "lidar"}, "camera_model: smalto draws pinhole, ortho, fisheye, ftheta, found lidar"),
         ({"camera_model": "fisheye", "with_ut": True}, "with_ut: .* both True or both False"),
         ({"with_eval3d": True}, "with_eval3d: .* both True or both False"),
-        (BENT, "with_ut: .* so pass with_ut=False"),
         ({"radial_coeffs": PRISMS[0]}, "radial_coeffs: .* so pass with_ut=True, with_eval3d=True"),
-        ({"radial_coeffs": np.zeros((2, 6)), **BENT}, "radial_coeffs, .*: all are 0, .* so pass None"),
         ({"radial_coeffs": RADIAL, **BENT}, r"radial_coeffs: expected the shape \(2, 6\), found \(2, 4\)"),
         ({"radial_coeffs": np.full((2, 6), np.inf), **BENT}, "viewmats, Ks|radial_coeffs|lens: "),
         (
@@ -342,8 +413,13 @@ def test_channels_and_backgrounds_are_drawn_through_lenses():
         ({"camera_model": "fisheye", "far_plane": 2.0}, "far_plane: .* so pass more than 2.0"),
         ({"camera_model": "ortho"}, "sh_degree: .* so pass sh_degree=0"),
         ({"camera_model": "ortho", "sh_degree": 0, "global_z_order": False}, "global_z_order: smalto draws"),
-        ({"rolling_shutter": types.SimpleNamespace(name="ROLLING_TOP_TO_BOTTOM")}, "rolling_shutter: smalto draws"),
-        ({"viewmats_rs": np.eye(4)}, "viewmats_rs: smalto draws"),
+        ({"rolling_shutter": rolling("ROLLING_INWARDS")}, "rolling_shutter: smalto draws GLOBAL, .*found ROLLING_INW"),
+        ({"rolling_shutter": rolling("ROLLING_TOP_TO_BOTTOM"), **BENT}, "viewmats_rs: a rolling_shutter .* needs them"),
+        ({"viewmats_rs": np.stack([np.eye(4)] * 2)}, "viewmats_rs: .* only that has them"),
+        (
+            {"viewmats_rs": np.stack([np.eye(4)] * 2), "rolling_shutter": rolling("ROLLING_TOP_TO_BOTTOM")},
+            "rolling_shutter: .* so pass with_ut=True",
+        ),
     ],
 )
 def test_what_cannot_be_drawn_is_one_clear_exception(change, text):

@@ -42,3 +42,22 @@ pub(super) struct Limits {
     pub capacity: Capacity,
     pub longest_list: u32,
 }
+
+/// The two pairs of paths that draw the same pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Pair {
+    /// Those of pinholes.
+    Projected,
+    /// Those along rays.
+    Rays,
+}
+
+impl Pair {
+    /// The path that a self-test tests, and the one that it is compared with.
+    pub fn paths(self) -> [Path; 2] {
+        match self {
+            Self::Projected => [Path::Fast, Path::Portable],
+            Self::Rays => [Path::FastRays, Path::Rays],
+        }
+    }
+}

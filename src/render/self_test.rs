@@ -1,6 +1,7 @@
-//! The self-test of the fast path at the start: its picture of some Gaussians of the scene is compared with the
-//! portable path's.
+//! The self-tests of the fast paths: of the one at the start, of the one along rays before its first picture. A picture
+//! of some Gaussians of the scene is compared with that of the path that runs on every device.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
@@ -8,10 +9,11 @@ use anyhow::{Result, bail, ensure};
 use super::capacity::MAX_ATTEMPTS;
 use super::fast::BLOCK_FORMS;
 use super::frame::{Shot, Target, Variation};
-use super::path::Path;
+use super::path::{Pair, Path};
 use super::path_choice::PathChoice;
 use super::readback::read_pixels;
 use super::scene::{GpuScene, SELF_TEST_GAUSSIANS, SELF_TEST_SIZE};
+use crate::camera::{Camera, Lens};
 use crate::gpu::{Access, Commands, Device, DeviceKind, Image};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
@@ -28,59 +30,81 @@ fn is_due(device: &Device) -> bool {
     device.capabilities().kind != DeviceKind::Cpu
 }
 
+/// The camera of the self-test of a scene.
+fn camera(pair: Pair, scene: &GpuScene) -> Result<Camera> {
+    let camera = scene.self_test.camera.clone();
+    Ok(match pair {
+        Pair::Projected => camera,
+        Pair::Rays => Camera { lens: Lens::named("FISHEYE", &[])?.map(Arc::new), ..camera },
+    })
+}
+
 /// The paths of a renderer, of which the fast one has passed its self-test.
 pub(crate) fn choose(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<PathChoice> {
     let mut paths = PathChoice::new(device, options, scene, variation)?;
     if is_due(device) {
-        test_fast(&mut paths, device, scene)?;
+        test(&mut paths, device, scene, Pair::Projected)?;
     }
     Ok(paths)
 }
 
-/// Tests the fast path, and drops it if its picture differs from the portable path's. A device that remembers a passed
-/// test is not tested again with the same pipelines and Gaussians.
-fn test_fast(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Result<()> {
-    let Some(fast) = paths.fast() else { return Ok(()) };
-    // A scene may need stages that the self-test of another did not reach.
-    let [pipelines, drawn] = [fast.fingerprint(device)?, scene.self_test.hash];
-    let test = blake3::Hasher::new().update(pipelines.as_bytes()).update(drawn.as_bytes()).finalize();
-    if device.has_passed(test.as_bytes()) {
+/// Tests the fast path along rays, unless it was tested or `camera` needs none.
+pub(crate) fn test_rays(paths: &mut PathChoice, device: &Device, scene: &GpuScene, camera: &Camera) -> Result<()> {
+    if camera.lens.is_none() || !paths.rays_need_test() || !is_due(device) {
         return Ok(());
     }
+    test(paths, device, scene, Pair::Rays)
+}
+
+/// Tests a fast path, and drops it if its picture differs from that of the other path. A device that remembers a passed
+/// test is not tested again with the same pipelines and Gaussians.
+fn test(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: Pair) -> Result<()> {
+    let Some(pipelines) = paths.fingerprint(device, pair)? else { return Ok(()) };
+    // A scene may need stages that the self-test of another did not reach.
+    let drawn = scene.self_test.hash;
+    let test = blake3::Hasher::new().update(pipelines.as_bytes()).update(drawn.as_bytes()).finalize();
+    if device.has_passed(test.as_bytes()) {
+        return paths.end_self_test(device, scene.len(), pair, None);
+    }
     let begun = Instant::now();
-    paths.make_all_pipelines(device)?;
-    let disagreement = match disagreement(paths, device, scene) {
+    if pair == Pair::Projected {
+        paths.make_all_pipelines(device)?;
+    }
+    let disagreement = match disagreement(paths, device, scene, pair) {
         Err(error) if error.is::<OutOfMemory>() => {
             // The buffers of the first guess may leave too little memory.
             paths.release(device)?;
-            match disagreement(paths, device, scene) {
+            match disagreement(paths, device, scene, pair) {
                 // Without memory for its small pictures the self-test is skipped, and the next start tests again.
                 Err(error) if error.is::<OutOfMemory>() => {
                     paths.force_block_form(None);
-                    return paths.end_self_test(device, scene.len(), None);
+                    return paths.end_self_test(device, scene.len(), pair, None);
                 }
                 other => other?,
             }
         }
         other => other?,
     };
-    paths.self_test_time = Some(begun.elapsed());
-    paths.end_self_test(device, scene.len(), disagreement)?;
+    paths.self_test_time = Some(paths.self_test_time.unwrap_or_default() + begun.elapsed());
+    paths.end_self_test(device, scene.len(), pair, disagreement)?;
     if disagreement.is_none() {
         device.remember_passed(*test.as_bytes());
     }
     Ok(())
 }
 
-/// The largest difference between the pictures of the two paths, if it is more than rounding explains.
-fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Result<Option<f32>> {
+/// The largest difference between the pictures of a pair of paths, if it is more than rounding explains.
+fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: Pair) -> Result<Option<f32>> {
     let scene = scene.first(SELF_TEST_GAUSSIANS);
-    let expected = draw(paths, device, &scene, Path::Portable)?;
+    let camera = camera(pair, &scene)?;
+    let shot = Shot { scene: &scene, camera: &camera };
+    let [tested, other] = pair.paths();
+    let expected = draw(paths, device, shot, other)?;
     let mut largest: f32 = 0.0;
     let forms: Vec<usize> = paths.fast().map_or_else(Vec::new, |fast| fast.forms().collect());
     for form in forms.into_iter().take(if is_due(device) { BLOCK_FORMS.len() } else { 1 }) {
         paths.force_block_form(Some(form));
-        let drawn = draw(paths, device, &scene, Path::Fast)?;
+        let drawn = draw(paths, device, shot, tested)?;
         largest = largest.max(difference(&drawn, &expected));
     }
     paths.force_block_form(None);
@@ -88,11 +112,11 @@ fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene) -> Re
 }
 
 /// The picture of the self-test on a path.
-fn draw(paths: &mut PathChoice, device: &Device, scene: &GpuScene, path: Path) -> Result<Pixels> {
+fn draw(paths: &mut PathChoice, device: &Device, shot: Shot, path: Path) -> Result<Pixels> {
     let image = Image::new(device, "self-test", SELF_TEST_SIZE[0], SELF_TEST_SIZE[1])?;
-    let shot = Shot { scene, camera: &scene.self_test.camera };
+    let needs_tile_lists = matches!(path, Path::Portable | Path::Rays);
     for _ in 0..MAX_ATTEMPTS {
-        let limits = paths.prepare(device, shot, path == Path::Portable, None)?;
+        let limits = paths.prepare(device, shot, needs_tile_lists, None)?;
         if limits.in_slabs {
             let reason = "there is too little device memory".to_owned();
             return Err(OutOfMemory { name: "self-test of the fast path".to_owned(), bytes: None, reason }.into());
@@ -143,19 +167,27 @@ mod tests {
         let (options, gaussians) = (Options::EXACT, cactus::cactus(3000).unwrap().gaussians);
         let scene = GpuScene::new(&device, &gaussians, &options).unwrap();
         let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();
-        test_fast(&mut paths, &device, &scene).unwrap();
-        assert_eq!(paths.notice, None);
-        assert!(paths.self_test_time.take().is_some());
-        test_fast(&mut paths, &device, &scene).unwrap();
-        assert!(paths.self_test_time.is_none(), "the device remembers the first self-test");
+        for pair in [Pair::Projected, Pair::Rays] {
+            paths.self_test_time = None;
+            test(&mut paths, &device, &scene, pair).unwrap();
+            assert_eq!(paths.notice, None);
+            assert!(paths.self_test_time.take().is_some(), "{pair:?}");
+            test(&mut paths, &device, &scene, pair).unwrap();
+            assert!(paths.self_test_time.is_none(), "the device remembers the first self-test: {pair:?}");
+        }
 
         let mut wrong = options;
         wrong.rules.alpha_max = 0.5;
-        for test in ["first", "second"] {
-            let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();
-            paths.replace_fast(FastPipeline::new(&device, &wrong, scene.layout()).unwrap().unwrap());
-            test_fast(&mut paths, &device, &scene).unwrap();
-            assert!(paths.notice.is_some_and(|notice| notice.contains("is not taken")), "{test} self-test");
+        for pair in [Pair::Projected, Pair::Rays] {
+            for number in ["first", "second"] {
+                let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();
+                paths.replace_fast(FastPipeline::new(&device, &wrong, scene.layout()).unwrap().unwrap());
+                test(&mut paths, &device, &scene, pair).unwrap();
+                assert!(
+                    paths.notice.is_some_and(|notice| notice.contains("is not taken")),
+                    "{number} self-test, {pair:?}"
+                );
+            }
         }
     }
 }

@@ -69,6 +69,38 @@ fn pictures_of_every_lens_match_the_reference() {
     }
 }
 
+/// A row, a column and a pixel alone, and parts whose last bins are one pixel wide or high.
+#[test]
+fn parts_of_a_picture_show_its_pixels() {
+    const SIZE: [u32; 2] = [97, 80];
+    let gpu = Gpu::new();
+    for (i, (name, camera)) in all(SIZE).into_iter().enumerate() {
+        let scene = around(&mut Random(40 + i as u64), &camera, 300);
+        for options in exact_on_both() {
+            let mut still = renderer(&gpu, &scene, &options);
+            let whole = draw(&mut still, &camera);
+            for ([left, top], size) in [
+                ([48, 0], [1, 80]),
+                ([0, 40], [97, 1]),
+                ([50, 41], [1, 1]),
+                ([3, 5], [65, 33]),
+                ([20, 7], [33, 65]),
+                ([16, 9], [2, 50]),
+            ] {
+                let centre_px = camera.centre_px - DVec2::new(left.into(), top.into());
+                let part = draw(&mut still, &Camera { centre_px, size_px: size, ..camera.clone() });
+                for (index, pixel) in part.rgba.iter().enumerate() {
+                    let [x, y] = [index as u32 % size[0] + left, index as u32 / size[0] + top];
+                    let expected = whole.rgba[(y * SIZE[0] + x) as usize];
+                    let error = pixel.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                    // Less than an alpha at the threshold.
+                    assert!(error < 1e-3, "{name} {size:?} portable {}: {x}, {y} {error}", options.portable);
+                }
+            }
+        }
+    }
+}
+
 /// One renderer draws one lens after the other, and then the first again.
 #[test]
 fn a_renderer_changes_its_lens_from_frame_to_frame() {

@@ -4,9 +4,11 @@
 //! affine picture, grown by a bound of what the lens bends; elsewhere from the rays of the bins. Blend scales the rays
 //! of a block to end on one plane, where the response along rays has no more lens in it.
 //!
-//! - `tables` - [`BinTables`]: the place of directions on the picture, the rays of bins
+//! - `cells` - [`LensCells`](cells::LensCells): the places of directions on the picture
+//! - `tables` - [`BinTables`]: the cells, and the rays of bins
 //! - `pipeline` - [`FastRaysPipeline`]: the stages that differ from the fast path's
 
+mod cells;
 mod pipeline;
 mod tables;
 

@@ -8,7 +8,7 @@ use super::tables::BinTables;
 use crate::gpu::{Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
-use crate::render::fast::{BLOCK_FORMS, BinGrid, FastPipeline, FastWorkspace, between_stages};
+use crate::render::fast::{BLOCK_FORMS, BinGrid, BlockForm, FastPipeline, FastWorkspace, between_stages};
 use crate::render::frame::{Shot, Target, view};
 use crate::render::rays::depth_keys;
 use crate::render::shaders::fast::{BLOCKS, PROJECT_CHUNK};
@@ -37,15 +37,25 @@ pub struct FastRaysFrame<'f> {
     pub grid: BinGrid,
 }
 
+/// The constants of the stages beside those of `fast`, and the size of subgroups.
+fn constants(fast: &FastPipeline) -> (SharedConstants, u32) {
+    let (constants, subgroup) = fast.constants();
+    // Depths of rays are those of their camera, whatever orders the splats of pinholes.
+    (SharedConstants { by_distance: false, ..*constants }, subgroup)
+}
+
+fn blend_constants(constants: &SharedConstants, form: BlockForm) -> BlendConstants {
+    let BlockForm { height: block_height, has_ring } = form;
+    BlendConstants { block_height, has_ring, ..BlendConstants::of(constants) }
+}
+
 impl FastRaysPipeline {
     /// Builds the stages that go with those of `fast`, for scenes of the same layout.
     ///
     /// # Errors
     /// If a pipeline cannot be made.
     pub fn new(device: &Device, options: &Options, layout: &Layout, fast: &FastPipeline) -> Result<Self> {
-        let (constants, subgroup) = fast.constants();
-        // Depths of rays are those of their camera, whatever orders the splats of pinholes.
-        let constants = SharedConstants { by_distance: false, ..*constants };
+        let (constants, subgroup) = constants(fast);
         Ok(Self {
             options: *options,
             project: Stage::of_subgroups(device, &ProjectConstants::of(&constants), subgroup)?,
@@ -57,6 +67,26 @@ impl FastRaysPipeline {
         })
     }
 
+    /// A fingerprint of all stages that go with those of `fast`, and of `fast`.
+    ///
+    /// # Errors
+    /// If a shader cannot be compiled at run time.
+    pub fn fingerprint(device: &Device, fast: &FastPipeline) -> Result<blake3::Hash> {
+        let (constants, subgroup) = constants(fast);
+        let mut stages = vec![
+            fast.fingerprint(device)?,
+            Stage::<Project>::fingerprint(device, &ProjectConstants::of(&constants), subgroup)?,
+            Stage::<Masks>::fingerprint(device, &MasksConstants::of(&constants), subgroup)?,
+        ];
+        for form in fast.forms() {
+            let constants = blend_constants(&constants, BLOCK_FORMS[form]);
+            stages.push(Stage::<Blend>::fingerprint(device, &constants, subgroup)?);
+        }
+        let mut hasher = blake3::Hasher::new();
+        stages.iter().for_each(|stage| _ = hasher.update(stage.as_bytes()));
+        Ok(hasher.finalize())
+    }
+
     /// Makes the blend pipeline for pictures of this size.
     ///
     /// # Errors
@@ -64,8 +94,7 @@ impl FastRaysPipeline {
     pub fn prepare(&mut self, device: &Device, grid: BinGrid) -> Result<()> {
         let blend = &mut self.blend[grid.form_index];
         if blend.is_none() {
-            let (block_height, has_ring) = (grid.block_height, BLOCK_FORMS[grid.form_index].has_ring);
-            let constants = BlendConstants { block_height, has_ring, ..BlendConstants::of(&self.constants) };
+            let constants = blend_constants(&self.constants, BLOCK_FORMS[grid.form_index]);
             *blend = Some(Stage::of_subgroups(device, &constants, self.subgroup)?);
         }
         Ok(())
@@ -119,6 +148,7 @@ impl FastRaysPipeline {
             counters: &work.counters,
             lens_table: &tables.table,
             footprints: &tables.lens.footprints,
+            cells: &tables.cells.cells,
         };
         let keys = depth_keys(shot, &self.options);
         let push = ProjectPush {

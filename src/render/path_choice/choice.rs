@@ -13,10 +13,11 @@ use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::render::capacity::{Capacity, has_memory};
 use crate::render::fast::FastPipeline;
+use crate::render::fast_rays::FastRaysPipeline;
 use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::{Attribute, Inspector, Listed};
 use crate::render::lod::{LodSelector, load_missing};
-use crate::render::path::{Limits, Path};
+use crate::render::path::{Limits, Pair, Path};
 use crate::render::portable::PortablePipeline;
 use crate::render::recorded::PagedCounts;
 use crate::render::scene::{GpuScene, SELF_TEST_GAUSSIANS};
@@ -36,6 +37,8 @@ pub(crate) struct PathChoice {
     rays: Option<RaysEngine>,
     /// The same, beside a fast path.
     fast_rays: Option<FastRaysEngine>,
+    /// The state of the fast path along rays, which is tested before its first picture.
+    rays_test: RaysTest,
     variation: Variation,
     /// Selects the pages of a scene in pages.
     selector: Option<LodSelector>,
@@ -48,6 +51,14 @@ pub(crate) struct PathChoice {
     pub notice: Option<String>,
     /// The duration of the self-test of the fast path, if it ran.
     pub self_test_time: Option<Duration>,
+}
+
+/// What is known of the fast path along rays.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum RaysTest {
+    Due,
+    Done,
+    Failed,
 }
 
 impl PathChoice {
@@ -76,6 +87,7 @@ impl PathChoice {
             fast,
             rays: None,
             fast_rays: None,
+            rays_test: RaysTest::Due,
             variation,
             selector: scene.paged().map(|paged| LodSelector::new(device, scene, paged)).transpose()?,
             streamer: None,
@@ -120,19 +132,52 @@ impl PathChoice {
         self.portable.make(device, &self.options)
     }
 
-    /// Ends a self-test, and drops the fast path if its picture differs from the portable path's by `disagreement`.
-    pub fn end_self_test(&mut self, device: &Device, gaussians: usize, disagreement: Option<f32>) -> Result<()> {
+    /// True if the fast path along rays would draw a picture, and was not tested.
+    pub fn rays_need_test(&self) -> bool {
+        self.fast.is_some() && self.rays_test == RaysTest::Due
+    }
+
+    /// A fingerprint of all stages of a fast path; `None` if it does not draw.
+    ///
+    /// # Errors
+    /// If a shader cannot be compiled at run time.
+    pub fn fingerprint(&self, device: &Device, pair: Pair) -> Result<Option<blake3::Hash>> {
+        let Some(fast) = &self.fast else { return Ok(None) };
+        let fast = &fast.pipeline;
+        Ok(Some(match pair {
+            Pair::Projected => fast.fingerprint(device)?,
+            Pair::Rays => FastRaysPipeline::fingerprint(device, fast)?,
+        }))
+    }
+
+    /// Ends a self-test, and drops the fast path if its picture differs from the other path's by `disagreement`.
+    pub fn end_self_test(
+        &mut self,
+        device: &Device,
+        gaussians: usize,
+        pair: Pair,
+        disagreement: Option<f32>,
+    ) -> Result<()> {
+        if let Some(difference) = disagreement {
+            let [tested, other] = pair.paths();
+            self.notice = Some(format!(
+                "the path {tested} is not taken: on this device its picture differs from that of the path {other} by \
+                 {difference:.3}"
+            ));
+        }
+        if pair == Pair::Rays {
+            // Buffers of this size suit no other picture.
+            (self.rays, self.fast_rays) = (None, None);
+            self.rays_test = if disagreement.is_none() { RaysTest::Done } else { RaysTest::Failed };
+            return Ok(());
+        }
         let mut capacity = Capacity::default();
         if let Some(fast) = &mut self.fast {
             fast.needs_slabs = false;
         }
-        if let Some(difference) = disagreement {
+        if disagreement.is_some() {
             self.fast = None;
             capacity = Capacity::guess(device, gaussians, 1);
-            self.notice = Some(format!(
-                "the fast path is not taken: on this device its picture differs from the portable path's by \
-                 {difference:.3}"
-            ));
         }
         self.portable.reset(device, capacity)
     }
@@ -249,9 +294,11 @@ impl PathChoice {
 
     /// Likewise for a camera with a lens.
     fn prepare_rays(&mut self, device: &Device, shot: Shot, needs_tile_lists: bool) -> Result<Limits> {
-        let Self { fast, portable, rays, fast_rays, options, variation, .. } = self;
-        let can_draw =
-            |fast: &&FastEngine| !needs_tile_lists && fast.pipeline.takes(shot.camera.size_px, shot.scene.len());
+        let Self { fast, portable, rays, fast_rays, rays_test, options, variation, .. } = self;
+        let can_draw = |fast: &&FastEngine| {
+            let is_fast = !needs_tile_lists && *rays_test != RaysTest::Failed;
+            is_fast && fast.pipeline.takes(shot.camera.size_px, shot.scene.len())
+        };
         if let Some(fast) = fast.as_ref().filter(can_draw) {
             let rays = match fast_rays {
                 Some(rays) => rays,

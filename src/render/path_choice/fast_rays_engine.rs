@@ -49,9 +49,9 @@ impl FastRaysEngine {
             return Ok(None);
         }
         let grid = fast.grid(camera.size_px, scene.len());
-        let tables = match self.tables.take().filter(|tables| tables.suit(camera, grid)) {
-            Some(tables) => tables,
-            None => BinTables::new(device, camera, grid)?,
+        let tables = match self.tables.take() {
+            Some(tables) if tables.suit(camera, grid) => tables,
+            kept => BinTables::new(device, camera, grid, kept)?,
         };
         let tables = self.tables.insert(tables);
         if !tables.have_planes {

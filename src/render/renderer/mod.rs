@@ -26,7 +26,7 @@ use crate::render::path_choice::PathChoice;
 use crate::render::readback::read_pixels;
 use crate::render::recorded::{Counted, Frame, Recorded, Started};
 use crate::render::scene::{Features, GpuScene};
-use crate::render::self_test::choose;
+use crate::render::self_test::{choose, test_rays};
 use crate::render::shaders::{Room, Totals};
 use crate::render::upscale::Upscaler;
 use crate::rules::{Background, Response};
@@ -359,6 +359,7 @@ impl Renderer {
         let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some() && attribute.is_none();
         let shot = Shot { scene: &self.scene, camera };
+        test_rays(&mut self.choice, &self.device, &self.scene, camera)?;
         self.drawn = self.choice.prepare(&self.device, shot, needs_tile_lists, attribute)?;
         ensure!(
             self.drawn.path == Path::Fast || !self.scene.is_placed(),
