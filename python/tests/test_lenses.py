@@ -1,11 +1,17 @@
 """Cameras with lenses: projections against the published formulas, rays, and gsplat's camera models."""
 
+import pathlib
 import types
 
+import gsplat_lenses
 import numpy as np
 import pytest
 import smalto
+from gsplat_lenses import f_theta as f_theta_coeffs
+from smalto._lenses import Lenses
+from smalto._shutter import Shutter
 
+HERE = pathlib.Path(__file__).parent
 SIZE = (60, 40)
 # World units, so that a position away from the origin shows.
 POSITION = np.array([0.3, -0.2, 0.5])
@@ -268,16 +274,42 @@ def test_ortho_is_the_orthographic_lens():
     assert np.abs(colors - pictures(arguments, ["ORTHOGRAPHIC"] * 2)).max() < 1e-6
 
 
-def f_theta_coeffs(**change):
-    """gsplat's FThetaCameraDistortionParameters, which needs CUDA."""
-    forward = {
-        "reference_poly": 1,
-        "pixeldist_to_angle_poly": [0.0] * 6,
-        "angle_to_pixeldist_poly": [0.0, 22.0, 0.5, -0.4, 0.0, 0.0],
-        "max_angle": 1.2,
-        "linear_cde": [1.01, 0.02, -0.01],
-    }
-    return types.SimpleNamespace(**(forward | change))
+def camera_of(arguments):
+    """The camera of the first view of a call of `rasterization`."""
+    names = ("radial_coeffs", "tangential_coeffs", "thin_prism_coeffs")
+    coefficients = {name: arguments.get(name) for name in names}
+    model, f_theta = arguments.get("camera_model", "pinhole"), arguments.get("ftheta_coeffs")
+    lenses = Lenses(model, True, True, coefficients, f_theta, False)
+    views = lenses.views(arguments, gsplat_lenses.SIZE, Shutter(None, None))
+    return views[0][0][1]
+
+
+# Of the directions of gsplat_lenses.py, how many only smalto sees and how many only gsplat. gsplat refuses a pinhole
+# whose distortion divides the slope by more than 1.25, and a fisheye beyond the corner of the picture; it draws beyond
+# the fold of a polynomial.
+ONLY_SMALTO = {"pinhole, strong": 96, "fisheye": 121, "fisheye, coefficients": 121}
+ONLY_GSPLAT = {"pinhole, rational": 36}
+
+
+@pytest.mark.parametrize("name", gsplat_lenses.models())
+def test_camera_models_are_those_of_gsplat(name):
+    arguments = gsplat_lenses.scene() | gsplat_lenses.models()[name]
+    with np.load(HERE / "gsplat_lenses.npz") as file:
+        gsplat = {part: file[f"{name}: {part}"] for part in ("places", "is_seen", "rays", "is_ray", "colors")}
+    camera, ahead = camera_of(arguments), gsplat_lenses.directions()
+    places, is_seen = camera.project(ahead)
+    # gsplat inverts the polynomials of f-theta by three steps of Newton's method.
+    tolerance = 1e-6 if name.startswith("ftheta") else 1e-9
+    both = is_seen & gsplat["is_seen"]
+    assert np.abs(places - gsplat["places"])[both].max() < tolerance, "px"
+    assert np.sum(is_seen & ~gsplat["is_seen"]) == ONLY_SMALTO.get(name, 0)
+    assert np.sum(~is_seen & gsplat["is_seen"]) == ONLY_GSPLAT.get(name, 0)
+    assert ahead[is_seen, 2].min() > ahead[~is_seen, 2].max(initial=0), "smalto sees up to an angle from the axis"
+    _, rays = camera.rays()
+    rays = rays[:: gsplat_lenses.ROWS]
+    assert gsplat["is_ray"].all() and np.abs(rays - gsplat["rays"]).max() < tolerance
+    colors, _, _ = smalto.rasterization(**arguments)
+    assert gsplat["colors"].std() > 0.1 and np.abs(colors[0] - gsplat["colors"]).max() < 2e-5
 
 
 @pytest.mark.parametrize("is_inverse", [False, True])
@@ -324,7 +356,8 @@ def test_pinholes_are_drawn_along_rays_if_asked_for(coefficients):
     )
     renderer = smalto.Renderer(gaussians, preset="gsplat", near=0.01, response="ray")
     for c, pose in enumerate(arguments["viewmats"]):
-        picture = renderer.render(smalto.Camera(K=arguments["Ks"][c], size=SIZE, viewmat=pose), layers=("color", "alpha"))
+        camera = smalto.Camera(K=arguments["Ks"][c], size=SIZE, viewmat=pose)
+        picture = renderer.render(camera, layers=("color", "alpha"))
         assert np.abs(colors[c] - picture.color).max() < 1e-6
     plain, _, _ = smalto.rasterization(**arguments)
     assert np.abs(colors - plain).max() > 0.01 and "radii" not in meta
