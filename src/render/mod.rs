@@ -99,7 +99,7 @@ pub use prune::{Bounds as PruneBounds, Pruner, Share};
 pub use recorded::Frame;
 #[doc(hidden)]
 pub use recorded::{Recorded, Started};
-pub use renderer::{Renderer, UndrawableLens};
+pub use renderer::{RayCertifier, Renderer, UndrawableLens};
 #[doc(hidden)]
 pub use scene::Content;
 pub use scene::{Features, GpuScene, NoLevels, PagesRead, SceneSource, Upload};

@@ -9,7 +9,7 @@ use smalto::packing::Statistics;
 use smalto::pixels::Pixels;
 use smalto::procedural::cactus;
 use smalto::reference;
-use smalto::render::{GpuScene, Path, Renderer};
+use smalto::render::{GpuScene, Path, RayCertifier, Renderer};
 use smalto::rules::{Background, Footprint, Response, Rules};
 use smalto::scene::{Gaussians, Raw};
 
@@ -111,6 +111,42 @@ fn errors_stay_below_the_certificate_along_rays() {
     let pinhole = Camera { lens: None, ..through("PINHOLE", &[], [64, 48], 2.2) };
     let scene = around(&mut Random(60), &pinhole, 500);
     responds("pinhole along rays", &scene, &pinhole, Background::BLACK, Response::Ray);
+}
+
+/// The error of the projection is in the certificate against rays, for pictures of every path, and not in the others.
+#[test]
+fn errors_of_the_projection_stay_below_the_certificate_against_rays() {
+    let gpu = Gpu::new();
+    let camera = Camera { lens: None, ..through("PINHOLE", &[], [64, 48], 2.2) };
+    let scene = around(&mut Random(61), &camera, 500);
+    let background = Background::Colour([0.2, 0.9, 0.4]);
+    let rules = Rules { response: Response::Ray, ..Rules::TRAINED };
+    let complete = reference::render(&scene, &camera, &rules.complete(), background);
+    let statistics = Statistics::of(&scene);
+    for (name, options) in settings() {
+        let gpu_scene = GpuScene::certifiable(&gpu.0, &scene, &statistics, &options).unwrap();
+        let mut still = Renderer::new(&gpu.0, &options, &gpu_scene).unwrap();
+        still.render(&camera, background).unwrap();
+        let picture = still.pixels().unwrap();
+        let mut certifier = RayCertifier::new(&gpu.0, &options, &gpu_scene).unwrap();
+        let certificate = certifier.certificate(&picture, &camera, background).unwrap();
+        let mut largest: f64 = 0.0;
+        for ((pixel, bound), exact) in picture.rgba.iter().zip(&certificate.rgba).zip(&complete.pixels) {
+            let error = (0..3).map(|i| (f64::from(pixel[i]) - exact.colour[i]).abs()).fold(0.0, f64::max);
+            assert!(error <= bound[0].into(), "{name}: error {error:e}, bound {:e}", bound[0]);
+            largest = largest.max(error);
+        }
+        println!("{name}: {largest} {}", certificate.largest());
+        assert!(largest > 0.05 && f64::from(certificate.largest()) < 20.0 * largest, "{name}: {largest}");
+        if name == "exact" {
+            let [drawn, projected] = certified(&gpu, &scene, &camera, &options, background);
+            let is_passed = |((pixel, bound), exact): ((&[f32; 4], &[f32; 4]), &reference::Pixel)| {
+                (0..3).any(|i| (f64::from(pixel[i]) - exact.colour[i]).abs() > bound[i].into())
+            };
+            let passed = drawn.rgba.iter().zip(&projected.rgba).zip(&complete.pixels).filter(|one| is_passed(*one));
+            assert!(passed.count() > 100, "the certificate of the projection has no error of the projection");
+        }
+    }
 }
 
 #[test]

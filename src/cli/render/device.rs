@@ -17,7 +17,8 @@ use crate::gpu::{Commands, Device, DeviceKind, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
 use crate::render::{
-    Finished, Form, FrameOutputs, FrameQueue, HostFrame, Inspection, QueuedFrame, Renderer, SceneSource, Upload,
+    Finished, Form, FrameOutputs, FrameQueue, HostFrame, Inspection, QueuedFrame, RayCertifier, Renderer, SceneSource,
+    Upload,
 };
 
 /// Views that are submitted to a device and not waited for: one is drawn while the pixels of the one before are copied.
@@ -55,6 +56,8 @@ pub(super) struct Run<'p> {
 struct Worker<'r, 'p> {
     run: &'r Run<'p>,
     stream: FrameQueue,
+    /// Makes the certificates against the response along rays.
+    certifier: Option<RayCertifier>,
     in_flight: VecDeque<(Task<'p>, QueuedFrame)>,
     host: HostFrames,
     jobs: Sender<Job<'p>>,
@@ -178,8 +181,10 @@ impl<'r, 'p> Worker<'r, 'p> {
         // Returning the memory of a large scene takes the system long.
         rayon::spawn(move || drop(scene));
         start.inspect(|start| start.end("upload"));
-        let create = if certifies { Renderer::certified } else { Renderer::new };
+        let certifies_rays = run.args.certify_rays;
+        let create = if certifies && !certifies_rays { Renderer::certified } else { Renderer::new };
         let renderer = create(device, &run.options, &gpu_scene)?;
+        let certifier = certifies_rays.then(|| RayCertifier::new(device, &run.options, &gpu_scene)).transpose()?;
         start.inspect(|start| start.end_with("pipelines", renderer.self_test_time().map(|time| ("trial", time))));
         if let Some(notice) = renderer.notice() {
             remark(&format!("note: {notice}"));
@@ -195,7 +200,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         };
         let largest = largest_streamed(device);
         let (stream, in_flight) = (FrameQueue::new(device, renderer), VecDeque::new());
-        Ok(Self { run, stream, in_flight, host, jobs, largest, fault: run.fault.filter(|_| number == 0) })
+        Ok(Self { run, stream, certifier, in_flight, host, jobs, largest, fault: run.fault.filter(|_| number == 0) })
     }
 
     fn draw(&mut self) -> Result<()> {
@@ -277,7 +282,11 @@ impl<'r, 'p> Worker<'r, 'p> {
                 detail.measured_psnr = measured_psnr(renderer, (&shot.camera, args.background), &pixels)?;
             }
             frames.push(frame);
-            (picture, certificate) = (Some(pixels), renderer.certificate()?);
+            certificate = match &mut self.certifier {
+                Some(certifier) => Some(certifier.certificate(&pixels, &shot.camera, args.background)?),
+                None => renderer.certificate()?,
+            };
+            picture = Some(pixels);
         }
         if !task.depths.is_empty() {
             renderer.set_inspection(Inspection::of_depths())?;

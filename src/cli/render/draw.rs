@@ -237,7 +237,12 @@ impl<'p> Log<'p> {
             self.frames.push(FrameReport { gpu: Some(frame.into()), ..FrameReport::new(task.shot, outputs) });
         }
         if let (Some(bound), Some(file), Some(drawn)) = (bound, &task.shot.certificate, self.frames.last_mut()) {
-            say!("  {}", certified(bound))?;
+            match self.args.certify_rays {
+                true => {
+                    say!("  certified: no value is further than {bound:.4} from the response along rays (as stored)")?
+                }
+                false => say!("  {}", certified(bound))?,
+            }
             drawn.files.push(FileReport { layer: "certificate".to_owned(), path: text_of(file) });
             drawn.certified_error = Some(bound);
         }

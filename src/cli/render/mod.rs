@@ -228,6 +228,13 @@ pub(super) struct Args {
     #[arg(long, help_heading = REPORTS, hide_short_help = true, value_name = "FILE|DIR")]
     #[arg(conflicts_with_all = ["reference", "place"])]
     certificate: Option<PathBuf>,
+    /// Bound the distance from the response along rays in the certificate
+    ///
+    /// The picture is drawn as without --certificate, on any path and by any response. The certificate bounds its
+    /// distance from the complete sum along rays, with the errors of the projection and of the order of splats.
+    #[arg(long, help_heading = REPORTS, hide_short_help = true, requires = "certificate")]
+    #[arg(conflicts_with_all = ["reference", "place", "resume", "verify"])] // clap waives `requires` with these
+    certify_rays: bool,
     /// Write the buffers that each stage of a single picture changed to this folder, as .npy
     #[arg(long, help_heading = REPORTS, hide_short_help = true, value_name = "DIR")]
     #[arg(conflicts_with_all = ["video", "path"])]

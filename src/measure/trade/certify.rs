@@ -7,8 +7,8 @@ use super::measure::Study;
 use super::report::{CertificateReport, SettingReport};
 use crate::options::Options;
 use crate::reference::{self, Rendering};
-use crate::render::{GpuScene, Renderer};
-use crate::rules::{Footprint, Rules};
+use crate::render::{GpuScene, RayCertifier, Renderer};
+use crate::rules::{Footprint, Response, Rules};
 
 /// Names and options of the settings: a certificate covers what stop, alpha threshold and footprint leave out.
 fn settings(exact: &Options) -> Vec<(String, Options)> {
@@ -32,6 +32,15 @@ pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateRepor
     let mut settings: Vec<(Options, SettingReport)> =
         settings(&study.exact).into_iter().map(|(name, options)| (options, empty(&name))).collect();
     let scene = GpuScene::certifiable(study.device, study.gaussians, study.statistics, &study.exact)?;
+    let is_projected = study.rules().response == Response::Screen;
+    let mut along_rays = match is_projected {
+        true => {
+            let certifier = RayCertifier::new(study.device, &study.exact, &scene)?;
+            let renderer = Renderer::new(study.device, &study.exact, &scene)?;
+            Some((certifier, renderer, empty("exact, along rays")))
+        }
+        false => None,
+    };
     for (done, view) in study.small_views.iter().enumerate() {
         progress(done as f64 / study.small_views.len() as f64);
         let complete = reference::render(study.gaussians, view, &study.rules().complete(), study.background);
@@ -43,8 +52,20 @@ pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateRepor
                 compare(report, renderer.pixels()?.rgba.iter(), bounds, &complete);
             }
         }
+        // Lenses are drawn along rays by all settings.
+        if let Some((certifier, renderer, report)) = along_rays.as_mut().filter(|_| view.lens.is_none()) {
+            renderer.render(view, study.background)?;
+            let picture = renderer.pixels()?;
+            let certificate = certifier.certificate(&picture, view, study.background)?;
+            let rules = Rules { response: Response::Ray, ..*study.rules() };
+            let complete = reference::render(study.gaussians, view, &rules.complete(), study.background);
+            let bounds = certificate.rgba.iter().map(|bound| f64::from(bound[0]));
+            compare(report, picture.rgba.iter(), bounds, &complete);
+        }
     }
-    let settings: Vec<_> = settings.into_iter().map(|(_, report)| finish(report)).collect();
+    let settings = settings.into_iter().map(|(_, report)| report);
+    let along_rays = along_rays.map(|(_, _, report)| report).filter(|report| report.pixel_tests > 0);
+    let settings: Vec<_> = settings.chain(along_rays).map(finish).collect();
     let sum = |count: fn(&SettingReport) -> u64| settings.iter().map(count).sum();
     Ok(CertificateReport { pixel_tests: sum(|s| s.pixel_tests), violations: sum(|s| s.violations), settings })
 }

@@ -2,10 +2,14 @@
 //!
 //! - `mod` - [`Renderer`]: settings, frames, pixels
 //! - `explain` - the splats and the depth of a pixel
+//! - `ray_certifier` - certificates against the response along rays
 //! - `reports` - residency, memory, bytes of stages
 
 mod explain;
+mod ray_certifier;
 mod reports;
+
+pub use ray_certifier::RayCertifier;
 
 use std::fmt;
 use std::time::Duration;
