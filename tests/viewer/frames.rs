@@ -120,7 +120,7 @@ fn the_reference_is_shown_for_its_own_view_only() {
     offscreen.viewer().pictures.are_stale = true;
     offscreen.settle().unwrap();
     assert!(offscreen.viewer().view.camera() != view);
-    assert_eq!(offscreen.viewer().reference_mismatch(), Some("another view"));
+    assert_eq!(offscreen.session.viewer.mismatch(&offscreen.session.pair), Some("another view"));
     assert!(shown(&mut offscreen) == rendered(&gpu, &mut offscreen, &own));
 }
 

@@ -145,29 +145,79 @@ fn changes_are_undone_and_made_again() {
     assert!(offscreen.viewer().film.timeline.keys().is_empty(), "a key is a change");
 }
 
-/// A reference is shown beside nothing but what it was drawn of.
+/// What is shown, named, measured and read under the cursor of a second picture asks what it was drawn of.
 #[test]
-fn a_reference_of_something_else_is_not_shown() {
+fn a_second_picture_of_something_else_is_not_shown_named_or_measured() {
     let gpu = Gpu::new();
     let compares_with = Some(CompareWith::Reference);
     let mut offscreen = open(&gpu, Setup { compares_with, ..setup(&["cactus:1000", "few-large:20"]) });
-    let is_of = |offscreen: &mut Offscreen| offscreen.viewer().reference_mismatch();
-    assert_eq!(is_of(&mut offscreen), None);
-    offscreen.viewer().scenes.layers[0].placement.translation = [0.5, 0.0, 0.0];
-    assert_eq!(is_of(&mut offscreen), Some("other scenes or places"));
-    offscreen.viewer().scenes.layers[0].placement.translation = [0.0; 3];
-    assert_eq!(is_of(&mut offscreen), None);
-    let near = std::mem::replace(&mut offscreen.viewer().options.rules.near, 6.0);
-    assert_eq!(is_of(&mut offscreen), Some("other rules"));
-    offscreen.viewer().options.rules.near = near;
-    offscreen.viewer().view.background = Background::Colour([1.0; 3]);
-    assert_eq!(is_of(&mut offscreen), Some("another background"));
-    offscreen.viewer().view.background = Background::BLACK;
+    offscreen.viewer().comparison.mode = CompareMode::Difference;
+    let hover = |offscreen: &mut Offscreen| {
+        offscreen.settle().unwrap();
+        frame(offscreen, vec![Event::PointerMoved(pos2(60.0, 50.0))]);
+        offscreen.settle().unwrap();
+    };
+    hover(&mut offscreen);
+    let first_numbers = offscreen.viewer().comparison.pair_difference.clone().expect("both pictures are measured");
+    let amplified = shown(&mut offscreen);
+    let pose = offscreen.viewer().view.navigator.clone();
+    let [near, stop] = [offscreen.viewer().options.rules.near, offscreen.viewer().options.stop];
+    type Change = (&'static str, fn(&mut Offscreen), Option<&'static str>);
+    let changes: [Change; 6] = [
+        ("turn", |of| of.viewer().view.navigator.orbit(DVec2::new(30.0, 0.0), SIZE), Some("another view")),
+        (
+            "place",
+            |of| of.viewer().scenes.layers[0].placement.translation = [0.5, 0.0, 0.0],
+            Some("other scenes or places"),
+        ),
+        ("near", |of| of.viewer().options.rules.near = 6.0, Some("other rules")),
+        ("hide", |of| of.viewer().scenes.layers[1].is_shown[0] = false, Some("other scenes or places")),
+        ("background", |of| of.viewer().view.background = Background::Colour([1.0; 3]), Some("another background")),
+        // What trades accuracy is what one compares.
+        ("knob", |of| of.viewer().options.stop = 0.01, None),
+    ];
+    for (name, change, expected) in changes {
+        change(&mut offscreen);
+        offscreen.viewer().pictures.are_stale = true;
+        hover(&mut offscreen);
+        assert_eq!(offscreen.session.viewer.mismatch(&offscreen.session.pair), expected, "{name}");
+        let plain = {
+            let viewer = offscreen.viewer();
+            let target = std::mem::replace(&mut viewer.comparison.target, CompareTarget::Nothing);
+            offscreen.settle().unwrap();
+            let plain = shown(&mut offscreen);
+            offscreen.viewer().comparison.target = target;
+            hover(&mut offscreen);
+            plain
+        };
+        assert_eq!(shown(&mut offscreen) == plain, expected.is_some(), "{name}: the picture");
+        let snapshot = offscreen.viewer().inspector.snapshot.as_ref().expect("the picture is at rest");
+        assert_eq!(snapshot.second.is_none(), expected.is_some(), "{name}: the values under the cursor");
+        let number = snapshot.number;
+        let measured = offscreen.viewer().comparison.pair_difference.as_ref().unwrap().number == number;
+        assert_eq!(measured, expected.is_none(), "{name}: the numbers");
+        let viewer = offscreen.viewer();
+        viewer.view.navigator = pose.clone();
+        viewer.scenes.layers[0].placement.translation = [0.0; 3];
+        viewer.scenes.layers[1].is_shown[0] = true;
+        viewer.view.background = Background::BLACK;
+        (viewer.options.rules.near, viewer.options.stop) = (near, stop);
+        // Until the scenes are on the GPU again, the picture is still the one of the change.
+        if name == "place" {
+            assert_eq!(offscreen.session.viewer.mismatch(&offscreen.session.pair), expected, "undone, not drawn");
+        }
+        offscreen.viewer().pictures.are_stale = true;
+        hover(&mut offscreen);
+        assert_eq!(offscreen.session.viewer.mismatch(&offscreen.session.pair), None, "{name} is undone");
+        assert!(shown(&mut offscreen) == amplified, "{name} is undone");
+        let numbers = offscreen.viewer().comparison.pair_difference.clone().unwrap();
+        assert_eq!(numbers.difference, first_numbers.difference, "{name} is undone");
+    }
     let number = offscreen.viewer().scenes.layers[1].number;
     offscreen.viewer().close(number);
-    assert_eq!(is_of(&mut offscreen), Some("other scenes or places"));
-    // What trades accuracy is what one compares.
-    assert_eq!(offscreen.viewer().comparison.target, CompareTarget::Reference);
+    offscreen.settle().unwrap();
+    let mismatch = offscreen.session.viewer.mismatch(&offscreen.session.pair);
+    assert_eq!(mismatch, Some("other scenes or places"));
 }
 
 /// The pixel under the cursor is explained: of the second picture right of the split.

@@ -172,15 +172,15 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
     viewer.compare_with_photographs();
     offscreen.settle().unwrap();
     let comparison = &offscreen.viewer().comparison;
-    assert_eq!((comparison.target == CompareTarget::Picture, comparison.photograph_camera), (true, Some(1)));
+    assert_eq!((comparison.target == CompareTarget::Picture, comparison.photograph_camera()), (true, Some(1)));
     press(&mut offscreen, Key::N);
     let viewer = offscreen.viewer();
-    assert_eq!((viewer.view.camera_index, viewer.comparison.photograph_camera), (Some(2), Some(2)));
-    assert_eq!(viewer.comparison.picture.as_ref().unwrap().0, "c.png");
+    assert_eq!((viewer.view.camera_index, viewer.comparison.photograph_camera()), (Some(2), Some(2)));
+    assert_eq!(viewer.comparison.picture.as_ref().unwrap().name, "c.png");
     // The camera without one leaves the photograph before, under its name.
     press(&mut offscreen, Key::N);
     assert_eq!(
-        (offscreen.viewer().view.camera_index, offscreen.viewer().comparison.photograph_camera),
+        (offscreen.viewer().view.camera_index, offscreen.viewer().comparison.photograph_camera()),
         (Some(3), Some(2))
     );
     // Photographs stay where their cameras are read again after them.
@@ -196,7 +196,7 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
     offscreen.viewer().drop_file(&folder.path().join("images/a.png"));
     offscreen.settle().unwrap();
     assert_eq!(
-        (offscreen.viewer().view.camera_index, offscreen.viewer().comparison.photograph_camera),
+        (offscreen.viewer().view.camera_index, offscreen.viewer().comparison.photograph_camera()),
         (Some(0), Some(0))
     );
     // All are measured, as the pictures and the files say.

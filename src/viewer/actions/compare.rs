@@ -7,8 +7,8 @@ use glam::DVec2;
 use crate::pixels::Pixels;
 use crate::rules::Background;
 use crate::viewer::model::{
-    CompareTarget, Comparison, JobEvent, PictureContent, Reporter, Request, Side, Viewer, WindowRequest, camera_of,
-    cropped, fitted, needs_whole,
+    CompareTarget, Comparison, JobEvent, PictureContent, PictureOf, Reporter, Request, SecondPicture, Side, Viewer,
+    WindowRequest, camera_of, cropped, fitted, needs_whole,
 };
 
 /// Longest side of a thumbnail, in pixels.
@@ -64,12 +64,10 @@ impl Viewer {
 
     /// Goes to the camera of the compared photograph, if the photograph was opened before the cameras.
     pub fn find_camera_of_picture(&mut self) {
-        let Comparison { picture, reference_content: None, photograph_camera: None, .. } = &self.comparison else {
-            return;
-        };
-        let camera = picture.as_ref().and_then(|(name, _)| camera_of(Path::new(name), &self.cameras.list));
-        if let Some(camera) = camera {
-            self.comparison.photograph_camera = Some(camera);
+        let Some(SecondPicture { name, of: of @ PictureOf::File, .. }) = &mut self.comparison.picture else { return };
+        if let Some(camera) = camera_of(Path::new(name), &self.cameras.list) {
+            *of = PictureOf::Camera(camera);
+            self.comparison.requested_camera = Some(camera);
             self.go_to_camera(camera, true);
         }
     }
@@ -115,9 +113,9 @@ impl Viewer {
 
     /// Compares with the photograph of the camera that the view goes to, if photographs are compared.
     pub(super) fn compare_photograph_at(&mut self, index: usize) {
-        let Comparison { target, photograph_camera, is_loading, .. } = &self.comparison;
-        let follows = photograph_camera.is_some() && (*target == CompareTarget::Picture || *is_loading);
-        if !follows || *photograph_camera == Some(index) {
+        let Comparison { target, requested_camera, is_loading, .. } = &self.comparison;
+        let follows = requested_camera.is_some() && (*target == CompareTarget::Picture || *is_loading);
+        if !follows || *requested_camera == Some(index) {
             return;
         }
         match self.cameras.photograph_of(index) {
@@ -126,17 +124,18 @@ impl Viewer {
         }
     }
 
-    /// Starts to read a picture.
-    fn read_picture(&mut self, path: PathBuf, photograph_camera: Option<usize>) {
+    /// Starts to read a picture: the photograph of a camera, if it is one.
+    fn read_picture(&mut self, path: PathBuf, camera: Option<usize>) {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        self.comparison.reference_content = None;
-        self.comparison.photograph_camera = photograph_camera;
-        let number = self.request_picture();
-        self.jobs.start(move |_| Pixels::read(&path), move |pixels| JobEvent::Picture(number, name, pixels));
+        let of = camera.map_or(PictureOf::File, PictureOf::Camera);
+        let number = self.request_picture(camera);
+        self.jobs.start(move |_| Pixels::read(&path), move |pixels| JobEvent::Picture(number, name, of, pixels));
     }
 
-    /// The number of a new request for the second picture. Results of earlier requests are dropped.
-    fn request_picture(&mut self) -> u64 {
+    /// The number of a new request for the second picture, the photograph of a camera if it is one. Results of earlier
+    /// requests are dropped.
+    fn request_picture(&mut self, camera: Option<usize>) -> u64 {
+        self.comparison.requested_camera = camera;
         self.comparison.is_loading = true;
         self.comparison.last_request += 1;
         self.comparison.last_request
@@ -148,18 +147,16 @@ impl Viewer {
         if plan.is_paged() {
             return self.messages.error(needs_whole("the reference"));
         }
-        self.comparison.reference_content = self.picture_content();
-        self.comparison.photograph_camera = None;
-        let Some(PictureContent { view, rules, background, .. }) = self.comparison.reference_content.clone() else {
-            return;
-        };
-        let number = self.request_picture();
+        let Some(content) = self.picture_content() else { return };
+        let PictureContent { view, rules, background, .. } = content.clone();
+        let of = PictureOf::Content(Box::new(content));
+        let number = self.request_picture(None);
         self.jobs.start(
             move |_| {
                 let scene = plan.joined()?;
                 Ok(crate::reference::render(&scene, &view, &rules, background).to_pixels())
             },
-            move |pixels| JobEvent::Picture(number, "float64 reference".to_owned(), pixels),
+            move |pixels| JobEvent::Picture(number, "float64 reference".to_owned(), of, pixels),
         );
     }
 }

@@ -8,8 +8,8 @@ use crate::camera::CameraFile;
 use crate::formats::{LOD_META, Reading, in_folder};
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::model::{
-    CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Origin, Photographs, Reporter,
-    Viewer, holds_photographs, is_project,
+    CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Origin, Photographs, PictureOf,
+    Reporter, SecondPicture, Viewer, holds_photographs, is_project,
 };
 
 /// The path of typed or pasted text, which may have surrounding spaces, quotes, file://, or ~ for the home folder. An
@@ -170,7 +170,10 @@ impl Viewer {
         let layer = self.scenes.layers.remove(index);
         for scene in layer.scene.iter().chain(layer.edit_result.as_ref().map(|result| &result.scene)) {
             let measured = self.measuring.costs.iter_mut().filter_map(|(_, content)| content.as_mut());
-            measured.chain(&mut self.comparison.reference_content).for_each(|content| content.forget(scene));
+            measured.for_each(|content| content.forget(scene));
+            if let Some(SecondPicture { of: PictureOf::Content(content), .. }) = &mut self.comparison.picture {
+                content.forget(scene);
+            }
         }
         if self.scenes.layers.is_empty() {
             // The last scene was closed: reset the view and the cameras for the next one.

@@ -10,7 +10,8 @@ use crate::host_memory::OutOfMemory;
 use crate::render::upload_pixels;
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::model::{
-    CompareTarget, Drawn, Event, JobEvent, LoadedScene, Pair, Second, Side, Viewer, covered, fitted, over,
+    CompareTarget, Drawn, Event, JobEvent, LoadedScene, Pair, PictureOf, Second, SecondPicture, Side, Viewer, covered,
+    fitted, over,
 };
 
 /// Handles an event of a job. `device` is the one that the window draws on.
@@ -36,14 +37,14 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),
         // Another picture was requested meanwhile.
         JobEvent::Picture(number, ..) if number != viewer.comparison.last_request => {}
-        JobEvent::Picture(_, name, pixels) => {
+        JobEvent::Picture(_, name, of, pixels) => {
             viewer.comparison.is_loading = false;
             match pixels {
                 Ok(pixels) => {
-                    let is_reference = viewer.comparison.reference_content.is_some();
+                    let is_reference = matches!(of, PictureOf::Content(_));
                     viewer.comparison.target =
                         if is_reference { CompareTarget::Reference } else { CompareTarget::Picture };
-                    viewer.comparison.picture = Some((name, Arc::new(pixels)));
+                    viewer.comparison.picture = Some(SecondPicture { name, pixels: Arc::new(pixels), of });
                     viewer.comparison.is_stale = true;
                     viewer.find_camera_of_picture();
                 }
@@ -211,7 +212,7 @@ pub fn fit_picture(viewer: &mut Viewer, pair: &mut Pair, device: &Device) -> Res
     }
     let size = viewer.view.size;
     let has_size = matches!(&pair.second, Some(Second::Image(image)) if image.size() == size);
-    if let Some((name, pixels)) = &comparison.picture
+    if let Some(SecondPicture { name, pixels, .. }) = &comparison.picture
         && (!has_size || comparison.is_stale)
     {
         comparison.covered = covered(pixels.size, size);

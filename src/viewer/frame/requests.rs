@@ -95,7 +95,8 @@ impl Session {
         }
         let Some(first) = &self.pair.first else { return Ok(()) };
         if viewer.inspector.snapshot.is_none() {
-            let second = match &self.pair.second {
+            let is_of_first = viewer.mismatch(&self.pair).is_none();
+            let second = match self.pair.second.as_ref().filter(|_| is_of_first) {
                 Some(Second::Drawn(drawn)) => Some(Arc::new(drawn.renderer.pixels()?)),
                 Some(Second::Image(_)) => viewer.comparison.fitted.clone(),
                 None => None,

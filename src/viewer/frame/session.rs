@@ -213,7 +213,8 @@ impl Session {
         }
         // An input that changed no picture does not count for the latency.
         self.viewer.timing.input_at = None;
-        let shown = self.screen.show(&mut self.pair, &arrangement(&self.viewer, &self.layout))?;
+        let arrangement = arrangement(&self.viewer, &self.pair, &self.layout);
+        let shown = self.screen.show(&mut self.pair, &arrangement)?;
         if shown == Shown::Yes {
             self.record_shown(now, draws);
             self.report_residency();
@@ -377,11 +378,10 @@ impl Session {
         }
         let Some(first) = self.pair.first.as_ref().filter(|_| self.has_shown != Some(true)) else { return };
         // Report the first frame with a scene, and the first frame of the whole scene.
-        let shows_all = !viewer.scenes.are_loading() && viewer.is_current(&first.plan);
-        if self.has_shown.is_none() || shows_all {
-            self.has_shown = Some(shows_all);
-            let (ms, is_whole) = (viewer.timing.seconds() * 1e3, shows_all && !misses_pages);
-            viewer.events.emit(&Event::FirstFrame { ms, is_whole });
+        let is_whole = !viewer.scenes.are_loading() && viewer.is_current(&first.plan) && !misses_pages;
+        if self.has_shown.is_none() || is_whole {
+            self.has_shown = Some(is_whole);
+            viewer.events.emit(&Event::FirstFrame { ms: viewer.timing.seconds() * 1e3, is_whole });
         }
     }
 
@@ -399,7 +399,7 @@ impl Session {
 
     /// The current combination of pictures and panels.
     pub(crate) fn arrangement(&self) -> Arrangement<'_> {
-        arrangement(&self.viewer, &self.layout)
+        arrangement(&self.viewer, &self.pair, &self.layout)
     }
 
     /// The event for the end of the session.
@@ -416,8 +416,8 @@ impl Session {
 }
 
 /// The current combination of pictures and panels.
-fn arrangement<'a>(viewer: &Viewer, layout: &'a UiLayout) -> Arrangement<'a> {
-    let compare = match viewer.reference_mismatch().is_some() {
+fn arrangement<'a>(viewer: &Viewer, pair: &Pair, layout: &'a UiLayout) -> Arrangement<'a> {
+    let compare = match viewer.mismatch(pair).is_some() {
         true => Compare::First,
         false => viewer.comparison.shown(viewer.view.size[0], viewer.timing.seconds()),
     };

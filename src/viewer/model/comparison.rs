@@ -48,13 +48,11 @@ pub struct Comparison {
     pub is_flicked: bool,
     /// Automatic flickers per second; 0 for none.
     pub flicker_hz: f32,
-    /// Name and pixels of a picture that the GPU did not draw: the reference or a file.
-    pub picture: Option<(String, Arc<Pixels>)>,
-    /// The content of the reference; `None` if `picture` is a file.
-    pub reference_content: Option<PictureContent>,
-    /// Index of the camera whose photograph `picture` is.
-    pub photograph_camera: Option<usize>,
-    /// `picture` is being drawn or read.
+    /// A picture that the GPU did not draw: the reference or a file.
+    pub picture: Option<SecondPicture>,
+    /// Index of the camera whose photograph was requested last; `None` if it was another picture.
+    pub requested_camera: Option<usize>,
+    /// A picture in the place of `picture` is being drawn or read.
     pub is_loading: bool,
     /// Number of the last request for `picture`; results of earlier requests are dropped.
     pub last_request: u64,
@@ -70,6 +68,24 @@ pub struct Comparison {
     pub is_measuring: bool,
     /// The area of the pictures to compare; `None` for the whole pictures.
     pub area: Option<Area>,
+}
+
+/// A picture that the GPU did not draw.
+pub struct SecondPicture {
+    pub name: String,
+    pub pixels: Arc<Pixels>,
+    pub of: PictureOf,
+}
+
+/// What a picture that the GPU did not draw shows.
+#[derive(Clone)]
+pub enum PictureOf {
+    /// The reference, of this content.
+    Content(Box<PictureContent>),
+    /// A photograph, of the view of the camera with this index.
+    Camera(usize),
+    /// A file of which no more is known.
+    File,
 }
 
 /// The content of a picture: everything it depends on except number formats and knobs that trade accuracy.
@@ -113,8 +129,7 @@ impl Default for Comparison {
             is_flicked: false,
             flicker_hz: 0.0,
             picture: None,
-            reference_content: None,
-            photograph_camera: None,
+            requested_camera: None,
             is_loading: false,
             last_request: 0,
             is_stale: false,
@@ -132,12 +147,15 @@ impl Comparison {
     pub fn options(&self, first: &Options) -> Option<Options> {
         match &self.target {
             CompareTarget::Options(None) => Some(*first),
-            CompareTarget::Options(Some(options)) => {
-                // The near plane and antialiasing depend on the scene, not on the preset.
-                let near = options.rules.near.min(first.rules.near);
-                let rules = Rules { near, antialiased: first.rules.antialiased, ..options.rules };
-                Some(Options { rules, ..*options })
-            }
+            CompareTarget::Options(Some(options)) => Some(with_rules_of_scene(options, first)),
+            _ => None,
+        }
+    }
+
+    /// The index of the camera whose photograph is the second picture.
+    pub fn photograph_camera(&self) -> Option<usize> {
+        match self.picture.as_ref()?.of {
+            PictureOf::Camera(camera) => Some(camera),
             _ => None,
         }
     }
@@ -168,6 +186,13 @@ impl Comparison {
         let halves = seconds * f64::from(self.flicker_hz) * 2.0;
         Duration::from_secs_f64((1.0 - halves.fract()) / (f64::from(self.flicker_hz) * 2.0) + 1e-3)
     }
+}
+
+/// Options with the rules that depend on the scene, not on a preset: the near plane and antialiasing of `first`.
+pub fn with_rules_of_scene(options: &Options, first: &Options) -> Options {
+    let near = options.rules.near.min(first.rules.near);
+    let rules = Rules { near, antialiased: first.rules.antialiased, ..options.rules };
+    Options { rules, ..*options }
 }
 
 /// A photograph with premultiplied alpha, composited over a background.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 
+use super::comparison::PictureOf;
 use super::contributions::Contributions;
 use super::edit::{Selection, SelectionMode};
 use super::edit_result::EditResult;
@@ -50,8 +51,8 @@ pub enum JobEvent {
     Cameras(PathBuf, Origin, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),
-    /// A photograph or the reference: the number of the request, its name and pixels.
-    Picture(u64, String, Result<Pixels>),
+    /// A photograph or the reference: the number of the request, its name, what it shows, and its pixels.
+    Picture(u64, String, PictureOf, Result<Pixels>),
     /// The photographs of a folder.
     Photographs(Result<Photographs>),
     /// Camera index, and the thumbnail of its photograph.

@@ -57,7 +57,7 @@ mod view_modes;
 mod viewer;
 
 pub use comparison::{CompareMode, CompareTarget};
-pub(crate) use comparison::{Comparison, PictureContent, covered, fitted, over};
+pub(crate) use comparison::{Comparison, PictureContent, PictureOf, SecondPicture, covered, fitted, over};
 pub(crate) use contributions::{Contributions, DrawnScene, MIN_VISIBLE};
 pub(crate) use dialog::{DialogResult, SaveTarget};
 pub use drag::Tool;

@@ -3,7 +3,7 @@
 use anyhow::Result;
 
 use super::cameras::Cameras;
-use super::comparison::{CompareTarget, Comparison, PictureContent};
+use super::comparison::{CompareTarget, Comparison, PictureContent, PictureOf, with_rules_of_scene};
 use super::dialog::Dialog;
 use super::drag::{Drag, Pointer};
 use super::editing::Editing;
@@ -16,7 +16,7 @@ use super::measuring::Measuring;
 use super::messages::Messages;
 use super::panels::Panels;
 use super::pictures::Pictures;
-use super::plan::{Plan, Side};
+use super::plan::{Pair, Plan, Second, Side};
 use super::recent::{RecentState, Tab};
 use super::requests::Request;
 use super::scenes::Scenes;
@@ -110,15 +110,23 @@ impl Viewer {
         })
     }
 
-    /// Names the first difference between the content of the reference and of the first picture; `None` if they can be
-    /// compared.
-    pub fn reference_mismatch(&self) -> Option<&'static str> {
-        let Comparison { target: CompareTarget::Reference, reference_content, .. } = &self.comparison else {
+    /// Names what the second picture was drawn of and the first was not; `None` if both can be compared. What is
+    /// shown, named and measured of the second picture asks this.
+    pub fn mismatch(&self, pair: &Pair) -> Option<&'static str> {
+        if !matches!(self.comparison.target, CompareTarget::Reference | CompareTarget::Picture) {
             return None;
-        };
-        match (self.picture_content(), reference_content) {
-            (Some(shown), Some(reference)) => reference.difference(&shown),
-            _ => Some("other scenes or places"),
+        }
+        let (picture, first) = (self.comparison.picture.as_ref()?, pair.first.as_ref()?);
+        match &picture.of {
+            // The first picture may still be that of the plan before.
+            PictureOf::Content(content) => content.difference(&PictureContent {
+                view: self.view.camera(),
+                scenes: first.plan.scenes.clone(),
+                rules: first.plan.options.untraded().rules,
+                background: self.view.background,
+            }),
+            PictureOf::Camera(camera) => (self.view.camera_index != Some(*camera)).then_some("another view"),
+            PictureOf::File => None,
         }
     }
 
@@ -162,32 +170,38 @@ impl Viewer {
         self.shown_plan(Side::First).is_ok_and(|planned| planned.is_some_and(|planned| planned.has_scene_of(plan)))
     }
 
-    /// The name of the first picture of a comparison.
-    pub fn first_name(&self) -> String {
+    /// The name of the first picture of a comparison, by the options that it was drawn with.
+    pub fn first_name(&self, pair: &Pair) -> String {
+        let drawn = pair.first.as_ref().map_or(self.options, |drawn| drawn.plan.options);
         let like = |preset: &Options| {
             let wanted = self.preset(preset);
-            Options { rules: Rules { near: self.options.rules.near, ..wanted.rules }, ..wanted } == self.options
+            // A picture in motion has a smaller scale.
+            Options { rules: Rules { near: drawn.rules.near, ..wanted.rules }, scale: drawn.scale, ..wanted } == drawn
         };
-        let known = Options::PRESETS.iter().find(|(_, preset)| like(preset));
-        known.map_or_else(|| "these options".to_owned(), |(name, _)| (*name).to_owned())
+        preset_name(like).unwrap_or("these options").to_owned()
     }
 
-    /// The name of the second picture of a comparison.
-    pub fn second_name(&self) -> String {
+    /// The name of the second picture of a comparison, likewise.
+    pub fn second_name(&self, pair: &Pair) -> String {
         match &self.comparison.target {
             CompareTarget::Nothing => String::new(),
             CompareTarget::Options(None) => "other scenes".to_owned(),
             CompareTarget::Options(Some(options)) => {
-                let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
-                known.map_or_else(|| "other options".to_owned(), |(name, _)| (*name).to_owned())
+                let drawn = pair.second.as_ref().and_then(Second::drawn);
+                let drawn = drawn.map_or(with_rules_of_scene(options, &self.options), |drawn| drawn.plan.options);
+                let like = |preset: &Options| {
+                    Options { scale: drawn.scale, ..with_rules_of_scene(preset, &self.options) } == drawn
+                };
+                preset_name(like).unwrap_or("other options").to_owned()
             }
             CompareTarget::Reference | CompareTarget::Picture => {
-                let name = self.comparison.picture.as_ref().map_or("", |(name, _)| name);
-                match self.comparison.photograph_camera {
-                    Some(camera) if self.view.camera_index != Some(camera) => format!("{name}, of another view"),
-                    _ => name.to_owned(),
-                }
+                self.comparison.picture.as_ref().map_or_else(String::new, |picture| picture.name.clone())
             }
         }
     }
+}
+
+/// The name of the preset that is like this.
+fn preset_name(is_like: impl Fn(&Options) -> bool) -> Option<&'static str> {
+    Options::PRESETS.iter().find(|(_, preset)| is_like(preset)).map(|(name, _)| *name)
 }

@@ -3,9 +3,9 @@
 use egui::{DragValue, Slider, Ui};
 
 use crate::options::Options;
-use crate::viewer::model::{Action, CompareMode, CompareTarget, PairDifference, Viewer};
+use crate::viewer::model::{Action, CompareMode, CompareTarget, Pair, PairDifference, PictureOf, Viewer};
 
-pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
+pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         let comparison = &mut viewer.comparison;
         ui.selectable_value(&mut comparison.target, CompareTarget::Nothing, "nothing");
@@ -14,11 +14,10 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         for (name, preset) in &Options::PRESETS {
             ui.selectable_value(&mut comparison.target, CompareTarget::Options(Some(*preset)), *name);
         }
-        let is_file = comparison.picture.is_some() && comparison.reference_content.is_none();
-        if is_file && comparison.photograph_camera.is_none() {
+        if comparison.picture.as_ref().is_some_and(|picture| matches!(picture.of, PictureOf::File)) {
             ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "picture");
         }
-        let follows = comparison.target == CompareTarget::Picture && comparison.photograph_camera.is_some();
+        let follows = comparison.target == CompareTarget::Picture && comparison.photograph_camera().is_some();
         let hint = "Each camera is compared with its own photograph, also the next ones";
         if viewer.cameras.photographs.is_some()
             && ui.selectable_label(follows, "photographs").on_hover_text(hint).clicked()
@@ -36,9 +35,6 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.spinner();
         }
     });
-    if let Some(of) = viewer.reference_mismatch() {
-        ui.label(format!("The reference was drawn of {of}: draw it again."));
-    }
     let flicker_key = viewer.setup.bindings.text(Action::Flicker);
     let comparison = &mut viewer.comparison;
     if viewer.cameras.photographs.is_none() {
@@ -63,16 +59,25 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.add(Slider::new(&mut comparison.gain, 1.0..=1000.0).logarithmic(true).text("amplification"));
         }
     }
-    numbers(viewer, ui);
+    numbers(viewer, pair, ui);
     super::cameras::table(viewer, ui);
 }
 
 /// The measured difference of the two pictures.
-fn numbers(viewer: &mut Viewer, ui: &mut Ui) {
-    let comparison = &mut viewer.comparison;
-    if comparison.target == CompareTarget::Nothing {
+fn numbers(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
+    if viewer.comparison.target == CompareTarget::Nothing {
         return;
     }
+    if let Some(of) = viewer.mismatch(pair) {
+        ui.separator();
+        let remedy = match viewer.comparison.target {
+            CompareTarget::Reference => "draw it again",
+            _ => "go to its camera",
+        };
+        ui.label(format!("The {} is of {of}: {remedy} to compare.", viewer.second_name(pair)));
+        return;
+    }
+    let comparison = &mut viewer.comparison;
     let now = viewer.inspector.snapshot.as_ref().map(|snapshot| (snapshot.number, comparison.area));
     ui.separator();
     ui.horizontal(|ui| {

@@ -119,7 +119,7 @@ fn page(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             section(ui, "Look inside", |ui| inspection::show(viewer, pair, ui));
             section(ui, "Memory", |ui| gpu_time::memory(pair, ui));
         }
-        Tab::Compare => section(ui, "Compare", |ui| compare::show(viewer, ui)),
+        Tab::Compare => section(ui, "Compare", |ui| compare::show(viewer, pair, ui)),
         Tab::Path => section(ui, "Path and files", |ui| film::show(viewer, ui)),
         Tab::Edit => edit::show(viewer, ui),
     }

@@ -13,7 +13,7 @@ const MESSAGES: &str = "messages";
 
 /// Draws the labels. `free` is the rectangle of the picture.
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
-    split_line(viewer, ui);
+    split_line(viewer, pair, ui);
     if viewer.scenes.layers.is_empty() && !viewer.panels.are_hidden {
         start_page(viewer, free, ui.ctx());
     } else if let Some(text) = progress_text(viewer, pair) {
@@ -82,7 +82,7 @@ fn start_page(viewer: &mut Viewer, free: Rect, context: &Context) {
             });
             if !viewer.panels.recent.files.is_empty() {
                 ui.add_space(6.0);
-                ui.strong("OpenedScene lately");
+                ui.strong("Opened lately");
                 for file in &viewer.panels.recent.files {
                     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
                     if ui.link(name).on_hover_text(file.display().to_string()).clicked() {
@@ -156,7 +156,7 @@ fn messages(viewer: &mut Viewer, context: &Context) {
 }
 
 /// The line between two pictures, and their names.
-fn split_line(viewer: &Viewer, ui: &Ui) {
+fn split_line(viewer: &Viewer, pair: &Pair, ui: &Ui) {
     let comparison = &viewer.comparison;
     if viewer.panels.are_hidden || comparison.target == CompareTarget::Nothing {
         return;
@@ -166,10 +166,10 @@ fn split_line(viewer: &Viewer, ui: &Ui) {
     let x = comparison.split * width;
     let painter = painter(ui);
     let left = (Pos2::new(MARGIN, MARGIN), Align2::LEFT_TOP);
-    if let Some(of) = viewer.reference_mismatch() {
-        return label(&painter, left, format!("the float64 reference was drawn of {of}: only these options are shown"));
+    if let Some(of) = viewer.mismatch(pair) {
+        return label(&painter, left, format!("{} is of {of} and not shown", viewer.second_name(pair)));
     }
-    let [first, second] = [viewer.first_name(), viewer.second_name()];
+    let [first, second] = [viewer.first_name(pair), viewer.second_name(pair)];
     match comparison.mode {
         CompareMode::Split => {
             painter.vline(x, 0.0..=height, Stroke::new(1.0, Color32::WHITE));
