@@ -196,6 +196,11 @@ const WIDEST_PINHOLE: f64 = 179.0;
 const PARALLEL: f64 = 1e-6;
 
 impl EyeArgs {
+    /// The values of these four options.
+    pub fn of(eye: Option<DVec3>, target: Option<DVec3>, camera_up: Option<DVec3>, fov: Option<f64>) -> Self {
+        Self { eye, target, camera_up, fov }
+    }
+
     /// True if a camera is given. Fails if it has no direction.
     pub fn is_given(&self) -> Result<bool, Usage> {
         if self.eye.is_some() && self.eye == self.target {
@@ -233,14 +238,14 @@ impl EyeArgs {
     }
 }
 
-fn parse_point(text: &str) -> Result<DVec3> {
+pub(super) fn parse_point(text: &str) -> Result<DVec3> {
     match numbers::<3>(text) {
         Ok(point) if point.iter().all(|v| v.abs() <= MAX_POSITION) => Ok(DVec3::from(point)),
         _ => bail!("expected X,Y,Z: three numbers within {MAX_POSITION:e}, like 1,-2.5,0"),
     }
 }
 
-fn parse_angle(text: &str) -> Result<f64> {
+pub(super) fn parse_angle(text: &str) -> Result<f64> {
     match text.parse() {
         Ok(degrees) if (0.01..=360.0).contains(&degrees) => Ok(degrees),
         _ => bail!("expected degrees from 0.01 to 360"),

@@ -74,8 +74,9 @@ const COMMANDS: [Pairs; 10] = [
             ACCURACY,
             LEVELS,
             LENS,
-            "cameras photographs size fullscreen vsync preset compare compare-by look keys events offscreen screen \
-             path target-fps no-panels follow",
+            "cameras camera photographs size background fullscreen vsync preset compare compare-by look keys events \
+             offscreen screen path target-fps no-panels follow",
+            PLACE,
         ],
         refused: &[
             ("undistort", "lens"),
@@ -83,7 +84,8 @@ const COMMANDS: [Pairs; 10] = [
             ("offscreen", "fullscreen vsync"),
             ("screen", "fullscreen vsync"),
             ("lod-psnr", "lod-error"),
-            ("path", "cameras fullscreen vsync"),
+            ("path", "cameras camera fullscreen vsync"),
+            (PLACE, "camera path"),
         ],
     },
     Pairs { command: "info", needed: &[], options: &[READING, "preset json"], refused: &[] },

@@ -1,15 +1,18 @@
 //! `smalto view`: opens scenes in a window, or draws the frames of the viewer without one.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use glam::DVec3;
 
-use super::cameras::{LensArgs, along_path};
+use super::cameras::{EyeArgs, LensArgs, along_path, parse_angle, parse_point};
 use super::devices::DeviceArgs;
 use super::environment::Environment;
 use super::headings::{ACCURACY, CAMERAS, MEASURING};
 use super::knobs::Knobs;
+use super::render::parse_background;
 use super::scenes::{ReadingArgs, SceneArg};
 use super::{Usage, complain, knobs, remark, say, size_text, values};
 use crate::files::check_writable;
@@ -19,9 +22,11 @@ use crate::options::Options;
 use crate::pixels::write_rgba8;
 use crate::procedural::Procedural;
 use crate::render::Residency;
+use crate::rules::Background;
+use crate::scene::Focus;
 use crate::viewer;
 use crate::viewer::{
-    Bindings, CompareMode, CompareWith, Digest, PATH_FPS, PageCounts, RecentState, Setup, Summary, WindowSetup,
+    Bindings, CompareMode, CompareWith, Digest, PATH_FPS, PageCounts, RecentState, Setup, Start, Summary, WindowSetup,
 };
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
@@ -43,6 +48,30 @@ pub(super) struct Args {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     lens: LensArgs,
+    /// Begin at this camera of the file: its position, like 7 or -1, or its image name [default: the first]
+    #[arg(long, help_heading = CAMERAS, value_name = "CAMERA", allow_hyphen_values = true)]
+    #[arg(conflicts_with_all = ["eye", "path"])]
+    camera: Option<String>,
+    /// Begin at this point, in world units
+    ///
+    /// With --up, the point is one of the turned scene.
+    #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    #[arg(conflicts_with = "path")]
+    eye: Option<DVec3>,
+    /// The point that --eye looks at [default: the middle of the scene]
+    #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    #[arg(requires = "eye", conflicts_with_all = ["camera", "path"])]
+    target: Option<DVec3>,
+    /// The direction that --eye sees upwards, like 0,0,1 [default: 0,-1,0]
+    #[arg(long, help_heading = CAMERAS, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    #[arg(requires = "eye", conflicts_with_all = ["camera", "path"])]
+    camera_up: Option<DVec3>,
+    /// Horizontal field of view of --eye, in degrees [default: 50]
+    ///
+    /// Up to 179, or what --lens sees.
+    #[arg(long, help_heading = CAMERAS, value_name = "DEGREES", value_parser = parse_angle)]
+    #[arg(requires = "eye", conflicts_with_all = ["camera", "path"])]
+    fov: Option<f64>,
     /// Folder with the photographs of the cameras, by their names
     ///
     /// By default, a folder `images` beside the camera file or above it.
@@ -53,6 +82,9 @@ pub(super) struct Args {
     /// By default 1280x720 points, which are more pixels where the screen is scaled.
     #[arg(long, help_heading = WINDOW, value_name = "WxH", value_parser = values::size)]
     size: Option<[u32; 2]>,
+    /// R,G,B (0 to 1), #rrggbb, black, grey or white
+    #[arg(long, help_heading = WINDOW, value_name = "COLOUR", default_value = "0,0,0", value_parser = opaque)]
+    background: Background,
     /// Start in full screen
     #[arg(long, help_heading = WINDOW)]
     fullscreen: bool,
@@ -112,7 +144,7 @@ pub(super) struct Args {
     events: bool,
     /// Open no window: draw this many frames, and print their times
     ///
-    /// The views are the cameras of the file in turn.
+    /// The views are the cameras of the file in turn, or that of --camera or --eye.
     #[arg(long, help_heading = MEASURING, value_name = "FRAMES", value_parser = values::whole::<u32>(4..=1_000_000))]
     #[arg(conflicts_with_all = ["fullscreen", "vsync"])]
     offscreen: Option<u32>,
@@ -188,7 +220,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let setup = Setup {
         scenes: args.scenes.clone(),
         reading: args.reading.reading()?,
+        reading_options: args.reading.options(),
         cameras: args.cameras.clone(),
+        start: start(args)?,
+        background: args.background,
         lenses: args.lens.choice(),
         photographs: args.photographs.clone(),
         options,
@@ -225,6 +260,30 @@ pub(super) fn run(args: &Args) -> Result<()> {
         with_pipeline_cache: super::pipeline_cache::with_pipeline_cache,
         fault,
     })
+}
+
+/// A background that a window can have.
+fn opaque(text: &str) -> Result<Background> {
+    match parse_background(text)? {
+        Background::Transparent => bail!("a window has a colour behind its scenes"),
+        colour => Ok(colour),
+    }
+}
+
+/// The first view, where an option gives it.
+fn start(args: &Args) -> Result<Option<Start>, Usage> {
+    if let Some(camera) = &args.camera {
+        return Ok(Some(Start::Camera(camera.clone())));
+    }
+    let Args { eye, target, camera_up, fov, .. } = *args;
+    let (eye, lens) = (EyeArgs::of(eye, target, camera_up, fov), args.lens.clone());
+    Ok(eye.is_given()?.then(|| {
+        let camera = move |focus: Focus, size: [u32; 2]| {
+            let found = eye.camera(|| focus, size, &lens)?;
+            found.context("--eye was given")
+        };
+        Start::Eye(Arc::new(camera))
+    }))
 }
 
 fn bindings(args: &Args) -> Result<Bindings, Usage> {

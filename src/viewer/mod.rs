@@ -20,6 +20,6 @@ pub use actions::Program;
 pub use frame::{FrameOutput, Session};
 pub use model::{
     Bindings, Change, CompareMode, CompareTarget, CompareWith, Counts, Digest, Outline, Property, RecentState, Request,
-    Selection, SelectionMode, Setup, Tab, Tool, Viewer, WindowRequest, view_mode, view_mode_names,
+    Selection, SelectionMode, Setup, Start, Tab, Tool, Viewer, WindowRequest, view_mode, view_mode_names,
 };
 pub use window::{DEFAULT_SIZE, Fault, Offscreen, PATH_FPS, PageCounts, Summary, WindowSetup, run, run_offscreen};

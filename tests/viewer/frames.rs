@@ -19,7 +19,10 @@ pub(super) const SIZE: [u32; 2] = [160, 96];
 pub(super) fn setup(scenes: &[&str]) -> Setup {
     Setup {
         scenes: scenes.iter().map(PathBuf::from).collect(),
+        reading_options: Vec::new(),
         cameras: None,
+        start: None,
+        background: smalto::rules::Background::BLACK,
         lenses: LensChoice::Own,
         photographs: None,
         options: Options::default(),

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use egui::{Event, Key, Modifiers, PointerButton, pos2};
 use glam::DVec2;
-use smalto::camera::Camera;
+use smalto::camera::{Camera, NamedCamera};
+use smalto::formats::Reading;
 use smalto::measure::metrics::Difference;
 use smalto::options::Options;
 use smalto::pixels::Pixels;
@@ -259,6 +260,7 @@ fn the_copied_command_draws_the_picture() {
     // What no option says is said.
     offscreen.viewer().scenes.layers[0].placement.scale = 2.0;
     assert_eq!(offscreen.viewer().command_line(Program::Render).1, ["the placement of scenes"]);
+    offscreen.viewer().scenes.layers[0].placement.scale = 1.0;
     // The keys copy it.
     let copied = requests(&mut offscreen, vec![key(Key::R, Modifiers::COMMAND)]);
     assert!(matches!(&copied[..], [WindowRequest::Copy(text)] if text.starts_with("smalto render cactus:3000 ")));
@@ -279,4 +281,70 @@ fn a_window_keeps_what_was_opened() {
     offscreen.viewer().drop_file(&scene);
     offscreen.settle().unwrap();
     assert_eq!(RecentState::read(&state).files, [scene]);
+}
+
+/// The copied `smalto view` opens a window that shows the same.
+#[test]
+fn the_copied_window_shows_the_same() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let reading = Reading { flip: [false, true, false], ..Reading::default() };
+    let reading_options = vec!["--flip".to_owned(), "y".to_owned()];
+    let mut offscreen = open(&gpu, Setup { reading, reading_options, ..setup(&["cactus:2000", "few-large:200"]) });
+    let shows_the_same = |offscreen: &mut Offscreen, name: &str| {
+        offscreen.viewer().pictures.are_stale = true;
+        offscreen.settle().unwrap();
+        let screen = shown(offscreen);
+        let (line, left_out) = offscreen.viewer().command_line(Program::View);
+        assert!(left_out.is_empty(), "{name}: {left_out:?}");
+        let words: Vec<String> = shlex::split(&line).unwrap();
+        let file = folder.path().join("screen.png").display().to_string();
+        let words: Vec<&str> =
+            words[1..].iter().map(String::as_str).chain(["--offscreen", "4", "--screen", &file]).collect();
+        let output = run(&words, |command| {
+            command.env("SMALTO_DEVICE", std::env::var("SMALTO_DEVICE").unwrap_or_else(|_| "llvmpipe".to_owned()));
+        });
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+        let written = Pixels::read(&PathBuf::from(file)).unwrap();
+        let steps = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| (a[c] - b[c]).abs() * 255.0).fold(0.0, f32::max);
+        let all: Vec<f32> = written.rgba.iter().zip(&screen.rgba).map(steps).collect();
+        // The direction is computed again, so that a value next to a rounding may differ.
+        let differing = all.iter().filter(|steps| **steps > 0.5).count();
+        assert!(differing < all.len() / 100, "{name}: {line}: {differing} pixels");
+        line
+    };
+    offscreen.viewer().view.navigator.orbit(DVec2::new(25.0, -8.0), SIZE);
+    offscreen.viewer().view.background = smalto::rules::Background::Colour([0.1, 0.2, 0.3]);
+    let line = shows_the_same(&mut offscreen, "two scenes");
+    assert!(line.contains(" --flip y ") && line.contains(" --eye "), "{line}");
+    offscreen.viewer().comparison.target = CompareTarget::Options(Some(Options::FAST));
+    let line = shows_the_same(&mut offscreen, "split");
+    assert!(line.contains(" --compare fast --compare-by split"), "{line}");
+    let file = folder.path().join("picture.png");
+    shown(&mut offscreen).write(&file, smalto::pixels::Alpha::Opaque).unwrap();
+    offscreen.viewer().drop_file(&file);
+    offscreen.settle().unwrap();
+    shows_the_same(&mut offscreen, "picture");
+    offscreen.viewer().comparison.target = CompareTarget::Nothing;
+    offscreen.viewer().set_lens("FISHEYE");
+    let line = shows_the_same(&mut offscreen, "lens");
+    assert!(line.contains(" --lens FISHEYE"), "{line}");
+    // At a camera of a file.
+    let file = folder.path().join("cameras.json");
+    let camera = offscreen.viewer().view.camera();
+    let camera = Camera { lens: None, ..camera };
+    let other = Camera { position: camera.position * 1.5, ..camera.clone() };
+    let named = |name: &str, camera: &Camera| NamedCamera::new(name.to_owned(), camera.clone());
+    smalto::camera::write(&file, &[named("a", &camera), named("b", &other)]).unwrap();
+    offscreen.viewer().drop_file(&file);
+    offscreen.settle().unwrap();
+    offscreen.viewer().go_to_camera(1, true);
+    let line = shows_the_same(&mut offscreen, "camera");
+    assert!(line.contains(" --camera 1 "), "{line}");
+    // What no option says is said.
+    offscreen.viewer().comparison.target = CompareTarget::Options(None);
+    assert_eq!(offscreen.viewer().command_line(Program::View).1, ["the comparison"]);
+    offscreen.viewer().comparison.target = CompareTarget::Options(Some(Options::FAST));
+    offscreen.viewer().comparison.split = 0.25;
+    assert_eq!(offscreen.viewer().command_line(Program::View).1, ["the place of the split"]);
+    assert_eq!(offscreen.viewer().command_line(Program::Bench).1, ["all scenes but the first of 2", "the background"]);
 }

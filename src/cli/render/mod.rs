@@ -256,7 +256,7 @@ const COMPRESSIONS: [(&str, &str, Compression); 2] = [
     ("small", "Some 10 % smaller PNG in 25 times the time, some 25 % smaller EXR in 15 times", Compression::Small),
 ];
 
-fn parse_background(text: &str) -> Result<Background> {
+pub(super) fn parse_background(text: &str) -> Result<Background> {
     let named = [("black", [0; 3]), ("grey", [128; 3]), ("gray", [128; 3]), ("white", [255; 3])];
     let bytes = named.iter().find(|(name, _)| *name == text).map(|(_, bytes)| *bytes).or_else(|| hexadecimal(text));
     if text == "transparent" {

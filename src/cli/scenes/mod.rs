@@ -222,6 +222,16 @@ impl ReadingArgs {
         self.up.is_none() && self.flip.is_none() && self.lod.is_none() && self.then == Transform::IDENTITY
     }
 
+    /// The options that say so.
+    pub fn options(&self) -> Vec<String> {
+        let axes = |Axes(axes): Axes| "xyz".chars().zip(axes).filter(|(_, is)| *is).map(|(axis, _)| axis).collect();
+        let up = self.up.map(|up| ("--up", up.to_string()));
+        let flip = self.flip.map(|flip| ("--flip", axes(flip)));
+        let level = self.lod.map(|level| ("--sog-level", level.to_string()));
+        let all = [up, flip, level].into_iter().flatten();
+        all.flat_map(|(name, value): (_, String)| [name.to_owned(), value]).collect()
+    }
+
     pub fn reading(&self) -> Result<Reading> {
         Ok(Reading {
             level: self.lod,

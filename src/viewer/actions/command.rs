@@ -3,10 +3,12 @@
 use std::path::Path;
 
 use crate::camera::LensChoice;
+use crate::formats::Reading;
 use crate::options::{Group, KNOBS, Knob, Options};
 use crate::rules::Background;
 use crate::viewer::model::{
-    CompareTarget, Comparison, Edit, Event, Layer, LayerSource, Placement, Request, Viewer, WindowRequest,
+    CompareMode, CompareTarget, Comparison, Edit, Event, Layer, LayerSource, PictureOf, Placement, Request, Viewer,
+    WindowRequest,
 };
 
 /// A command that can draw the picture of the window.
@@ -31,7 +33,13 @@ impl Viewer {
         let most = if program == Program::View { shown.len() } else { 1 };
         words.extend(shown.iter().take(most).map(|layer| layer.source.argument()));
         if shown.len() > most {
-            left_out.push(format!("only the first of {} scenes is drawn", shown.len()));
+            left_out.push(format!("all scenes but the first of {}", shown.len()));
+        }
+        let readings: Vec<_> = shown.iter().take(most).map(|layer| layer.reading).collect();
+        if readings.iter().all(|reading| *reading == self.setup.reading) {
+            words.extend(self.setup.reading_options.iter().cloned());
+        } else if readings.iter().any(|reading| *reading != Reading::default()) {
+            left_out.push("the axes of scenes".to_owned());
         }
         if shown.iter().any(|layer| layer.placement != Placement::default()) {
             left_out.push("the placement of scenes".to_owned());
@@ -40,15 +48,14 @@ impl Viewer {
             left_out.push("what is hidden or deleted".to_owned());
         }
         words.extend(self.option_words());
+        words.extend(self.camera_words(program, &mut left_out));
         if program == Program::View {
-            words.extend(self.view_words());
-        } else {
-            words.extend(self.camera_words(&mut left_out));
-            let [width, height] = self.view.size;
-            words.extend(["--size".to_owned(), format!("{width}x{height}")]);
+            words.extend(self.view_words(&mut left_out));
         }
+        let [width, height] = if program == Program::View { self.view.window_size } else { self.view.size };
+        words.extend(["--size".to_owned(), format!("{width}x{height}")]);
         match self.view.background {
-            Background::Colour([r, g, b]) if [r, g, b] != [0.0; 3] && program == Program::Render => {
+            Background::Colour([r, g, b]) if [r, g, b] != [0.0; 3] && program != Program::Bench => {
                 words.extend(["--background".to_owned(), format!("{r},{g},{b}")]);
             }
             Background::Colour(colour) if colour != [0.0; 3] => left_out.push("the background".to_owned()),
@@ -86,14 +93,14 @@ impl Viewer {
     }
 
     /// The camera of the file that the view is at, or else the view as eye, target and up direction.
-    fn camera_words(&self, left_out: &mut Vec<String>) -> Vec<String> {
-        if let (Some(index), Some(file)) = (self.view.camera_index, &self.cameras.file) {
-            let file = file.display().to_string();
-            let mut words: Vec<String> =
-                ["--cameras".to_owned(), file, "--camera".to_owned(), index.to_string()].into();
-            words.extend(self.lens_words());
-            return words;
+    fn camera_words(&self, program: Program, left_out: &mut Vec<String>) -> Vec<String> {
+        let file = self.cameras.file.as_ref().map(|file| ["--cameras".to_owned(), file.display().to_string()]);
+        if let (Some(index), Some(file)) = (self.view.camera_index, &file) {
+            let camera = file.iter().cloned().chain(["--camera".to_owned(), index.to_string()]);
+            return camera.chain(self.lens_words()).collect();
         }
+        // The window has the cameras of the file beside the view.
+        let file = file.filter(|_| program == Program::View);
         let view = self.view.camera();
         let centre = view.centre_px - glam::DVec2::from(view.size_px.map(|side| f64::from(side) / 2.0));
         if !view.is_sphere() && (centre.abs().max_element() > 1e-6 || view.focal_px.x != view.focal_px.y) {
@@ -105,8 +112,9 @@ impl Viewer {
         let up = -view.rotation.row(1);
         let fov = self.view.navigator.field_of_view();
         let lens = view.lens.iter().flat_map(|lens| ["--lens".to_owned(), lens.text()]);
-        ["--eye".to_owned(), point(view.position), "--target".to_owned(), point(target)]
-            .into_iter()
+        file.into_iter()
+            .flatten()
+            .chain(["--eye".to_owned(), point(view.position), "--target".to_owned(), point(target)])
             .chain(["--camera-up".to_owned(), point(up), "--fov".to_owned(), fov.to_string()])
             .chain(lens)
             .collect()
@@ -124,26 +132,55 @@ impl Viewer {
         }
     }
 
-    /// Options of `smalto view` for cameras, view mode and comparison.
-    fn view_words(&self) -> Vec<String> {
+    /// Options of `smalto view` for photographs, view mode, comparison and panels.
+    fn view_words(&self, left_out: &mut Vec<String>) -> Vec<String> {
         let mut words = Vec::new();
         let mut add = |flag: &str, value: &str| words.extend([flag.to_owned(), value.to_owned()]);
-        if let Some(file) = &self.cameras.file {
-            add("--cameras", &file.display().to_string());
+        if let Some(photographs) = &self.cameras.photographs {
+            add("--photographs", &photographs.folder.display().to_string());
         }
-        words.extend(self.lens_words());
-        let mut add = |flag: &str, value: &str| words.extend([flag.to_owned(), value.to_owned()]);
         if self.inspector.settings.mode != 0 {
             add("--look", self.inspector.settings.view_mode().name);
         }
-        let Comparison { target, .. } = &self.comparison;
-        match target {
+        if let Some(rate) = &self.timing.rate {
+            add("--target-fps", &rate.fps.to_string());
+        }
+        let Comparison { target, mode, split, gain, flicker_hz, picture, .. } = &self.comparison;
+        let with = match target {
+            CompareTarget::Nothing => None,
             CompareTarget::Options(Some(options)) => {
                 let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
-                known.into_iter().for_each(|(name, _)| add("--compare", name));
+                known.map(|(name, _)| (*name).to_owned())
             }
-            CompareTarget::Reference => add("--compare", "reference"),
-            _ => {}
+            CompareTarget::Options(None) => None,
+            CompareTarget::Reference => Some("reference".to_owned()),
+            CompareTarget::Picture => picture
+                .as_ref()
+                .and_then(|picture| match &picture.of {
+                    PictureOf::File(file) => Some(file.clone()),
+                    PictureOf::Camera(camera) => self.cameras.photograph_of(*camera),
+                    PictureOf::Content(_) => None,
+                })
+                .map(|file| absolute(&file)),
+        };
+        match with {
+            Some(with) => {
+                add("--compare", &with);
+                let (name, setting, is_usual) = match mode {
+                    CompareMode::Split => ("split", "the place of the split", *split == 0.5),
+                    CompareMode::Flicker => ("flicker", "the rate of the flicker", *flicker_hz == 0.0),
+                    CompareMode::Difference => ("difference", "the amplification", *gain == 10.0),
+                };
+                add("--compare-by", name);
+                if !is_usual {
+                    left_out.push(setting.to_owned());
+                }
+            }
+            None if *target != CompareTarget::Nothing => left_out.push("the comparison".to_owned()),
+            None => {}
+        }
+        if self.panels.are_hidden {
+            words.push("--no-panels".to_owned());
         }
         words
     }
@@ -161,11 +198,14 @@ impl Viewer {
     }
 }
 
+/// The absolute path as text.
+fn absolute(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string()
+}
+
 impl LayerSource {
     /// The scene as an argument of a command.
     pub fn argument(&self) -> String {
-        let absolute =
-            |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
         match self {
             Self::File(path) => absolute(path),
             Self::Procedural(procedural) => procedural.argument(),

@@ -64,7 +64,9 @@ impl Viewer {
 
     /// Goes to the camera of the compared photograph, if the photograph was opened before the cameras.
     pub fn find_camera_of_picture(&mut self) {
-        let Some(SecondPicture { name, of: of @ PictureOf::File, .. }) = &mut self.comparison.picture else { return };
+        let Some(SecondPicture { name, of: of @ PictureOf::File(_), .. }) = &mut self.comparison.picture else {
+            return;
+        };
         if let Some(camera) = camera_of(Path::new(name), &self.cameras.list) {
             *of = PictureOf::Camera(camera);
             self.comparison.requested_camera = Some(camera);
@@ -127,7 +129,7 @@ impl Viewer {
     /// Starts to read a picture: the photograph of a camera, if it is one.
     fn read_picture(&mut self, path: PathBuf, camera: Option<usize>) {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let of = camera.map_or(PictureOf::File, PictureOf::Camera);
+        let of = camera.map_or_else(|| PictureOf::File(path.clone()), PictureOf::Camera);
         let number = self.request_picture(camera);
         self.jobs.start(move |_| Pixels::read(&path), move |pixels| JobEvent::Picture(number, name, of, pixels));
     }

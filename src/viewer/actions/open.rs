@@ -291,7 +291,11 @@ impl Viewer {
                 if !self.go_to_project() {
                     self.options.rules.near = self.setup.options.rules.near;
                     self.view.near_limit = None;
-                    self.go_to_camera(0, true);
+                    match self.scenes.focus() {
+                        Some(focus) => self.go_to_start(focus),
+                        // The first scene does so.
+                        None => self.go_to_camera(0, true),
+                    }
                 }
                 self.find_camera_of_picture();
                 self.view.first = Some(self.view.camera());

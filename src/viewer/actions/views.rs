@@ -1,12 +1,23 @@
 //! Actions that move the view: to scenes, to cameras of the file, and to copied views.
 
+use std::path::Path;
 use std::sync::Arc;
 
+use anyhow::anyhow;
 use glam::{DVec2, DVec3};
 
-use crate::camera::{Lens, LensChoice};
+use crate::camera::{Lens, LensChoice, NamedCamera};
 use crate::scene::Focus;
-use crate::viewer::model::{Action, Event, Layer, LoadedScene, Request, Viewer, WindowRequest};
+use crate::viewer::model::{Action, Event, Layer, LoadedScene, Request, Start, Viewer, WindowRequest, camera_of};
+
+/// The index of a camera by its position, from -1 on backwards, or by its name with or without an ending.
+fn position_of(cameras: &[NamedCamera], wanted: &str) -> Option<usize> {
+    let number = wanted.parse().ok().filter(|number: &i64| number.to_string() == wanted);
+    let position = number.map(|number| if number < 0 { number + cameras.len() as i64 } else { number });
+    let by_position = position.and_then(|position| usize::try_from(position).ok()).filter(|i| *i < cameras.len());
+    let by_name = || cameras.iter().position(|camera| camera.name == wanted);
+    by_position.or_else(by_name).or_else(|| camera_of(Path::new(wanted), cameras))
+}
 
 const NO_CAMERAS: &str = "there is no camera file: drop one on the window, such as a cameras.json";
 
@@ -28,11 +39,40 @@ impl Viewer {
             self.view.navigator.set_lens(lens.clone());
         }
         if !self.go_to_project() {
-            self.go_to_camera(0, true);
+            self.go_to_start(focus);
         }
         self.view.is_set = true;
         self.view.first = Some(self.view.camera());
         self.pictures.are_stale = true;
+    }
+
+    /// Goes to the view that the program was started with, or to the first camera of the file.
+    pub fn go_to_start(&mut self, focus: Focus) {
+        match self.setup.start.clone() {
+            None => self.go_to_camera(0, true),
+            Some(Start::Camera(wanted)) => match position_of(&self.cameras.list, &wanted) {
+                Some(index) => self.go_to_camera(index, true),
+                None if self.cameras.list.is_empty() => {}
+                None => {
+                    let count = self.cameras.list.len();
+                    let text = format!("--camera {wanted}: the file has {count} cameras and none of this name");
+                    self.messages.error(text.clone());
+                    self.messages.failure.get_or_insert_with(|| anyhow!(text));
+                }
+            },
+            Some(Start::Eye(camera)) => match camera(focus, self.view.size) {
+                Ok((camera, nearest)) => {
+                    self.view.snap(&camera);
+                    if !self.setup.near_is_explicit {
+                        self.options.rules.near = self.setup.options.rules.near.min(nearest);
+                    }
+                }
+                Err(problem) => {
+                    self.messages.error(format!("{problem:#}"));
+                    self.messages.failure.get_or_insert(problem);
+                }
+            },
+        }
     }
 
     /// Goes to a camera of the file, at once or in a glide. Does nothing if there is no such camera.

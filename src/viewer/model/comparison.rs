@@ -1,5 +1,6 @@
 //! The comparison of the picture with a second one: what the second picture is, and how the two are shown.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -84,8 +85,8 @@ pub enum PictureOf {
     Content(Box<PictureContent>),
     /// A photograph, of the view of the camera with this index.
     Camera(usize),
-    /// A file of which no more is known.
-    File,
+    /// This file, of which no more is known.
+    File(PathBuf),
 }
 
 /// The content of a picture: everything it depends on except number formats and knobs that trade accuracy.

@@ -52,7 +52,8 @@ pub struct Layer {
     pub is_loaded: bool,
     /// The file has changed; it is read again once the scene has no edit.
     pub has_changed: bool,
-    reading: Reading,
+    /// How the file is read.
+    pub reading: Reading,
     /// Stamp of the file when it was read last.
     stamp: FileStamp,
     cancel: Cancel,

@@ -82,7 +82,7 @@ pub(crate) use project::{PROJECT_ENDING, PlacedScene, Project, ProjectView, is_p
 pub(crate) use rate::RateControl;
 pub use recent::{RecentState, Tab};
 pub use requests::{Request, WindowRequest};
-pub use setup::{CompareWith, Setup};
+pub use setup::{CompareWith, Setup, Start};
 pub(crate) use snapshot::{PairDifference, area_between, cropped};
 pub(crate) use undo::{Undo, UndoState};
 pub(crate) use view_modes::{InspectionSettings, Numbers, VIEW_MODES};

@@ -1,13 +1,18 @@
 //! The settings with which a viewer is started.
 
 use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::Result;
 
 use super::comparison::CompareMode;
 use super::keys::Bindings;
-use crate::camera::LensChoice;
+use crate::camera::{Camera, LensChoice};
 use crate::formats::Reading;
 use crate::gpu::Vsync;
 use crate::options::Options;
+use crate::rules::Background;
+use crate::scene::Focus;
 
 /// The settings with which the program was started.
 #[derive(Clone)]
@@ -15,7 +20,12 @@ pub struct Setup {
     pub scenes: Vec<PathBuf>,
     /// Applies to `scenes`. Scenes that are opened later are read with the defaults.
     pub reading: Reading,
+    /// The options of the command line that say `reading`.
+    pub reading_options: Vec<String>,
     pub cameras: Option<PathBuf>,
+    /// The first view; `None` for the first camera of the file, or a view of the whole scene.
+    pub start: Option<Start>,
+    pub background: Background,
     /// The lenses of all cameras, and of the first view where there are none.
     pub lenses: LensChoice,
     /// Folder with the photographs of the cameras.
@@ -42,6 +52,15 @@ pub struct Setup {
     pub prints_events: bool,
     /// Receives remarks for the terminal, such as the reason why the fast path is not used.
     pub remark: fn(&str),
+}
+
+/// The first view.
+#[derive(Clone)]
+pub enum Start {
+    /// The camera of the file with this position or name.
+    Camera(String),
+    /// The camera of scenes with this focus for a picture of this size, and the largest distance of its near plane.
+    Eye(Arc<dyn Fn(Focus, [u32; 2]) -> Result<(Camera, f32)> + Send + Sync>),
 }
 
 /// The initial target of the comparison.

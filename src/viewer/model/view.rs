@@ -35,7 +35,7 @@ pub struct View {
 
 impl View {
     /// A view of the unit ball in a window of `size` pixels.
-    pub fn new(size: [u32; 2]) -> Self {
+    pub fn new(size: [u32; 2], background: Background) -> Self {
         Self {
             navigator: Navigator::new(DVec3::ZERO, 1.0, size),
             camera_index: None,
@@ -47,7 +47,7 @@ impl View {
             perspective_degrees: 60.0,
             window_size: size,
             size,
-            background: Background::BLACK,
+            background,
         }
     }
 

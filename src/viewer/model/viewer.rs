@@ -61,7 +61,7 @@ impl Viewer {
             requests: Vec::new(),
             scenes: Scenes::default(),
             cameras: Cameras::default(),
-            view: View::new(size),
+            view: View::new(size, setup.background),
             options: setup.options,
             pictures: Pictures::default(),
             comparison: Comparison { mode: setup.compare_mode, ..Comparison::default() },
@@ -126,7 +126,7 @@ impl Viewer {
                 background: self.view.background,
             }),
             PictureOf::Camera(camera) => (self.view.camera_index != Some(*camera)).then_some("another view"),
-            PictureOf::File => None,
+            PictureOf::File(_) => None,
         }
     }
 

@@ -14,7 +14,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         for (name, preset) in &Options::PRESETS {
             ui.selectable_value(&mut comparison.target, CompareTarget::Options(Some(*preset)), *name);
         }
-        if comparison.picture.as_ref().is_some_and(|picture| matches!(picture.of, PictureOf::File)) {
+        if comparison.picture.as_ref().is_some_and(|picture| matches!(picture.of, PictureOf::File(_))) {
             ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "picture");
         }
         let follows = comparison.target == CompareTarget::Picture && comparison.photograph_camera().is_some();

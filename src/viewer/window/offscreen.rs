@@ -134,7 +134,8 @@ fn draw(offscreen: &mut Offscreen, frames: u32, path: Vec<NamedCamera>) -> Resul
         let begun = Instant::now();
         let viewer = offscreen.viewer();
         // The reference is drawn for one view only.
-        if !viewer.cameras.list.is_empty() && viewer.comparison.target != CompareTarget::Reference {
+        let stays = viewer.setup.start.is_some() || viewer.comparison.target == CompareTarget::Reference;
+        if !viewer.cameras.list.is_empty() && !stays {
             viewer.go_to_camera(frame as usize % viewer.cameras.list.len(), true);
         }
         viewer.pictures.are_stale = true;
