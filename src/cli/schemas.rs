@@ -23,7 +23,7 @@ pub(super) struct Args {
 type Entry = (&'static str, fn() -> Schema);
 
 /// The schemas: NAME.schema.json describes this type.
-const SCHEMAS: [Entry; 10] = [
+const SCHEMAS: &[Entry] = &[
     ("bench", || schema_for!(bench::Report)),
     ("compare", || schema_for!(metrics::Report)),
     ("convert", || schema_for!(super::convert::Report)),
@@ -33,6 +33,8 @@ const SCHEMAS: [Entry; 10] = [
     ("prune", || schema_for!(prune::Report)),
     ("render", || schema_for!(super::render::Report)),
     ("trade", || schema_for!(trade::Report)),
+    #[cfg(feature = "viewer")]
+    ("view-events", || schema_for!(crate::viewer::Event)),
     ("verify", || schema_for!(super::render::VerifyReport)),
 ];
 

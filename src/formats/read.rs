@@ -276,6 +276,17 @@ fn block_reader(input: &mut Input, path: &Path) -> Result<Option<&'static BlockR
     }))
 }
 
+/// The first bytes of a file as a clause.
+fn begins_with(bytes: &[u8]) -> String {
+    match bytes {
+        [] => "found no byte".to_owned(),
+        _ if bytes.iter().all(|byte| byte.is_ascii_graphic() || *byte == b' ') => {
+            format!("found one that begins with \"{}\"", String::from_utf8_lossy(bytes))
+        }
+        _ => format!("found one that begins with the bytes {:02x?}", bytes),
+    }
+}
+
 /// The problem with a file of no known format, which begins with these bytes.
 fn unknown(begin: &[u8]) -> String {
     if let Some(other) = packed::other(begin) {
@@ -285,7 +296,7 @@ fn unknown(begin: &[u8]) -> String {
     let by_name = labels(|format| format.recognition == Recognition::Ending);
     format!(
         "not a scene that smalto reads: expected {by_content} content, a meta.json or {LOD_META} of SOG, or a file \
-         named {by_name}, found bytes {:02x?}",
-        &begin[..begin.len().min(4)]
+         named {by_name}, {}",
+        begins_with(&begin[..begin.len().min(4)])
     )
 }

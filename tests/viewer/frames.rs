@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use crate::common::Gpu;
+use egui::{Key, Modifiers};
 use smalto::camera::{self, LensChoice, NamedCamera};
 use smalto::formats::Reading;
 use smalto::measure::metrics::max_error;
@@ -12,7 +13,7 @@ use smalto::pagefile::write::{Job, Settings, write_whole};
 use smalto::pixels::Pixels;
 use smalto::procedural::{Procedural, cactus};
 use smalto::rules::Rules;
-use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup, Viewer};
+use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup, Tab, Viewer};
 
 pub(super) const SIZE: [u32; 2] = [160, 96];
 
@@ -290,4 +291,40 @@ fn a_rate_of_frames_is_kept_by_the_number_of_nodes() {
     offscreen.session.retire_frames(true).unwrap();
     let visible = offscreen.session.pair.first.as_ref().unwrap().frame.totals.visible;
     assert!(visible < whole / 2 && visible > 1_000, "{visible} of {whole}");
+}
+
+/// A black picture says why it is black.
+#[test]
+fn no_picture_is_black_without_a_sentence() {
+    let gpu = Gpu::new();
+    let mut offscreen = open(&gpu, Setup { hides_panels: false, ..setup(&["cactus:500"]) });
+    let says = |offscreen: &mut Offscreen| {
+        offscreen.viewer().pictures.are_stale = true;
+        offscreen.settle().unwrap();
+        offscreen.session.viewer.why_nothing_is_seen(&offscreen.session.pair)
+    };
+    assert_eq!(says(&mut offscreen), None);
+    let view = offscreen.viewer().view.navigator.clone();
+    let camera = offscreen.viewer().view.camera();
+    let behind =
+        smalto::camera::Camera::looking_at(100.0 * camera.position, 200.0 * camera.position, camera.size_px, 0.5);
+    offscreen.viewer().view.snap(&behind);
+    let sentence = says(&mut offscreen).expect("nothing is in view");
+    assert!(sentence.starts_with("no Gaussian is in view") && sentence.contains("(C shows all scenes)"), "{sentence}");
+    offscreen.viewer().view.navigator = view;
+    let near = std::mem::replace(&mut offscreen.viewer().options.rules.near, 500.0);
+    assert!(says(&mut offscreen).unwrap().contains("near plane at 500"));
+    offscreen.viewer().options.rules.near = near;
+    assert_eq!(says(&mut offscreen), None);
+    offscreen.viewer().panels.recent.tab = Tab::Edit;
+    for (which, modifiers) in [(Key::A, Modifiers::COMMAND), (Key::Delete, Modifiers::NONE)] {
+        super::interaction::frame(&mut offscreen, vec![super::interaction::key(which, modifiers)]);
+        offscreen.settle().unwrap();
+    }
+    let sentence = says(&mut offscreen).expect("all are deleted");
+    assert!(sentence.starts_with("no Gaussian is left") && sentence.contains("(Ctrl+Z undoes)"), "{sentence}");
+    super::interaction::frame(&mut offscreen, vec![super::interaction::key(Key::Z, Modifiers::COMMAND)]);
+    assert_eq!(says(&mut offscreen), None);
+    offscreen.viewer().scenes.layers[0].is_shown[0] = false;
+    assert!(says(&mut offscreen).unwrap().contains("no scene is shown"));
 }

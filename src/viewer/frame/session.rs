@@ -63,6 +63,7 @@ impl Session {
     /// A session that opens the scenes of the viewer's setup.
     pub fn new(mut viewer: Viewer, screen: Screen, context: egui::Context) -> Self {
         viewer.open_setup();
+        panels::theme::set(&context);
         Self {
             reported: InspectionSettings::default(),
             reported_notices: Vec::new(),
@@ -409,7 +410,7 @@ impl Session {
             frames_shown: pace.shown,
             frames_drawn: pace.drawn,
             frames_dropped: pace.dropped,
-            mean_latency_ms: pace.mean_latency_ms,
+            mean_input_to_submission_ms: pace.mean_latency_ms,
             gpu_bytes: self.screen.device().allocated_bytes(),
         }
     }

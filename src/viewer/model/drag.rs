@@ -72,7 +72,7 @@ pub enum Tool {
 impl Tool {
     /// Every tool with its name and a help text.
     pub const ALL: [(Self, &str, &str); 6] = [
-        (Self::Look, "Look", "The left button turns the view"),
+        (Self::Look, "View", "The left button turns the view"),
         (Self::Rectangle, "Rectangle", "Drag over the centres to select, through all of the scene"),
         (Self::Lasso, "Lasso", "Drag around the centres to select, through all of the scene"),
         (Self::Brush, "Brush", "Paint over the centres to select, through all of the scene"),

@@ -2,10 +2,11 @@
 
 use std::io::Write;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
-/// An event that scripts can react to.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// An event that scripts can react to: one line of `smalto view --events`.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum Event {
     /// The window is open.
@@ -13,9 +14,8 @@ pub enum Event {
         device: String,
         size: [u32; 2],
     },
-    /// The first frame with a scene was shown, `ms` after the start. If the scene was read only in part, the first
-    /// frame of the whole scene is reported, too. For a paged scene only the first frame is reported, and it is whole
-    /// if it missed no page.
+    /// The first frame with a scene was shown, `ms` after the start. If it did not show the whole scene, since that was
+    /// read in part or missed pages, the first frame that does is reported, too.
     FirstFrame {
         ms: f64,
         is_whole: bool,
@@ -87,7 +87,8 @@ pub enum Event {
         frames_shown: u64,
         frames_drawn: u64,
         frames_dropped: u64,
-        mean_latency_ms: f64,
+        /// From an input to the submission of the frame that answers it.
+        mean_input_to_submission_ms: f64,
         gpu_bytes: u64,
     },
 }

@@ -100,9 +100,19 @@ pub struct Pace {
     /// Mean milliseconds from an input to the submission of the frame that answers it.
     pub mean_latency_ms: f64,
     answered: u64,
+    /// Mean milliseconds between the last frames of a motion; 0 before the first.
+    interval_ms: f64,
 }
 
+/// The weight of a new interval in the mean of the last ones.
+const NEWEST: f64 = 0.1;
+
 impl Pace {
+    /// The frames a second of the last motion; `None` before the first.
+    pub fn frames_per_second(&self) -> Option<f64> {
+        (self.interval_ms > 0.0).then(|| 1e3 / self.interval_ms)
+    }
+
     /// Records a frame that was submitted `latency_ms` after the input it answers.
     pub fn answer(&mut self, latency_ms: f64) {
         self.answered += 1;
@@ -113,6 +123,8 @@ impl Pace {
     /// `refresh_ms`.
     pub fn interval(&mut self, interval_ms: f64, refresh_ms: f64) {
         self.dropped += ((interval_ms / refresh_ms).round() as u64).saturating_sub(1);
+        let weight = if self.interval_ms == 0.0 { 1.0 } else { NEWEST };
+        self.interval_ms += weight * (interval_ms - self.interval_ms);
     }
 }
 
@@ -153,6 +165,8 @@ mod tests {
             pace.interval(interval, 16.7);
         }
         assert_eq!(pace.dropped, 1 + 2);
+        let fps = pace.frames_per_second().unwrap();
+        assert!((40.0..60.0).contains(&fps), "{fps}");
         [2.0, 4.0].into_iter().for_each(|ms| pace.answer(ms));
         assert_eq!(pace.mean_latency_ms, 3.0);
     }

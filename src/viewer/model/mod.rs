@@ -66,7 +66,7 @@ pub(crate) use edit::Edit;
 pub use edit::{Change, Counts, Outline, Property, Selection, SelectionMode};
 pub(crate) use edit_result::EditResult;
 pub(crate) use evaluation::{Evaluation, EvaluationRow, PosedPhotograph};
-pub(crate) use events::Event;
+pub use events::Event;
 pub use frame_times::Digest;
 pub(crate) use gizmo::{Gizmo, turned};
 pub(crate) use inspector::ExplainedPixel;

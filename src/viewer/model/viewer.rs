@@ -12,6 +12,7 @@ use super::export::Export;
 use super::film::Film;
 use super::inspector::Inspector;
 use super::job_event::Jobs;
+use super::keys::Action;
 use super::measuring::Measuring;
 use super::messages::Messages;
 use super::panels::Panels;
@@ -128,6 +129,29 @@ impl Viewer {
             PictureOf::Camera(camera) => (self.view.camera_index != Some(*camera)).then_some("another view"),
             PictureOf::File(_) => None,
         }
+    }
+
+    /// The reason why the picture shows nothing of the scenes, as a sentence; `None` if it shows something.
+    pub fn why_nothing_is_seen(&self, pair: &Pair) -> Option<String> {
+        let key = |action| self.setup.bindings.text(action);
+        let Some(first) = &pair.first else {
+            let is_shown = self.scenes.layers.iter().any(|layer| layer.is_shown[0]);
+            let is_empty = !self.scenes.are_loading() && matches!(self.plan(Side::First), Ok(None));
+            return match () {
+                () if self.scenes.layers.is_empty() || self.pictures.refused[0].is_some() => None,
+                () if !is_shown => Some("no scene is shown: tick one in the page Scene".to_owned()),
+                () if is_empty => {
+                    let undo = key(Action::Undo);
+                    Some(format!("no Gaussian is left: all are deleted or hidden ({undo} undoes)"))
+                }
+                () => Some("the first picture is being prepared".to_owned()),
+            };
+        };
+        // The counts are those of the last frame.
+        (first.frame.totals.visible == 0 && !self.pictures.are_stale).then(|| {
+            let (near, frame) = (self.options.rules.near, key(Action::Frame));
+            format!("no Gaussian is in view beyond the near plane at {near} ({frame} shows all scenes)")
+        })
     }
 
     /// The plan for a side; `None` if the GPU draws nothing for it.

@@ -3,6 +3,7 @@
 use egui::{Color32, Grid, Mesh, Rect, Sense, Ui, pos2, vec2};
 use indicatif::HumanCount;
 
+use super::theme::stage_colour;
 use crate::gpu::MemoryUse;
 use crate::measure::bench::Statistics;
 use crate::render::SlabReport;
@@ -12,14 +13,6 @@ use crate::viewer::model::{Digest, Pair, Viewer};
 const PLOTTED: usize = 120;
 /// Least height of a drawn bar, in points.
 const MIN_HEIGHT: f32 = 0.25;
-
-/// The colour of a stage, determined by its name so that it is the same in every frame and on every path.
-fn colour(stage: &str) -> Color32 {
-    // Multiples of the golden ratio separate the hues of similar names.
-    let code: u32 = stage.bytes().fold(7, |code, byte| code.wrapping_mul(31).wrapping_add(byte.into()));
-    let colorous::Color { r, g, b } = colorous::SINEBOW.eval_continuous(f64::from(code) * 0.618_034 % 1.0);
-    Color32::from_rgb(r, g, b)
-}
 
 /// A square of a colour.
 pub(super) fn swatch(ui: &mut Ui, colour: Color32) -> egui::Response {
@@ -51,7 +44,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         ui.end_row();
         for (name, times) in stages {
             ui.horizontal(|ui| {
-                swatch(ui, colour(name));
+                swatch(ui, stage_colour(name));
                 ui.label(*name).on_hover_text(stage_help(name));
             });
             milliseconds(times, ui);
@@ -62,8 +55,14 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         ui.end_row();
     });
     let pace = &viewer.timing.pace;
-    ui.label(format!("{} frames drawn, {} missed a refresh", HumanCount(pace.drawn), HumanCount(pace.dropped)));
-    ui.label(format!("{:.1} ms from an input to its frame, mean", pace.mean_latency_ms));
+    let frames = if pace.drawn == 1 { "frame" } else { "frames" };
+    let late =
+        if pace.dropped > 0 { format!(", {} missed a refresh", HumanCount(pace.dropped)) } else { String::new() };
+    ui.label(format!("{} {frames} drawn{late}", HumanCount(pace.drawn)));
+    if pace.mean_latency_ms > 0.0 {
+        ui.label(format!("{:.1} ms from an input to the submission of its frame, mean", pace.mean_latency_ms))
+            .on_hover_text("The GPU's time and the screen's refresh come after it");
+    }
 }
 
 /// The help text of a stage.
@@ -89,7 +88,7 @@ fn stage_help(stage: &str) -> &'static str {
 
 fn milliseconds(times: &Statistics, ui: &mut Ui) {
     for ms in [times.median, times.p95, times.p99] {
-        ui.monospace(format!("{ms:.3}"));
+        ui.monospace(if ms < 100.0 { format!("{ms:.3}") } else { format!("{ms:.1}") });
     }
 }
 
@@ -97,14 +96,14 @@ fn milliseconds(times: &Statistics, ui: &mut Ui) {
 fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 90.0), Sense::hover());
     let rect = response.rect;
-    painter.rect_filled(rect, 2.0, Color32::from_gray(16));
+    painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
     let stages = viewer.timing.frame_times.stages();
     let width = rect.width() / PLOTTED as f32;
     let frames = viewer.timing.frame_times.frames();
     let (first, skipped) = (PLOTTED.saturating_sub(frames.len()), frames.len().saturating_sub(PLOTTED));
     // One mesh instead of thousands of shapes.
     let mut bars = Mesh::default();
-    let colours: Vec<Color32> = stages.iter().map(|stage| colour(stage)).collect();
+    let colours: Vec<Color32> = stages.iter().map(|stage| stage_colour(stage)).collect();
     for (i, frame) in frames.skip(skipped).enumerate() {
         let x = rect.left() + (first + i) as f32 * width;
         let mut below = rect.bottom();
@@ -119,7 +118,7 @@ fn plot(viewer: &Viewer, top_ms: f32, ui: &mut Ui) {
     painter.add(bars);
     let text = format!("{top_ms:.2} ms");
     let font = egui::FontId::monospace(10.0);
-    painter.text(rect.left_top() + vec2(3.0, 2.0), egui::Align2::LEFT_TOP, text, font, Color32::GRAY);
+    painter.text(rect.left_top() + vec2(3.0, 2.0), egui::Align2::LEFT_TOP, text, font, ui.visuals().weak_text_color());
 }
 
 /// The device memory of the first picture by buffer, the largest first.

@@ -24,6 +24,7 @@ mod overlay;
 mod quality;
 mod readout;
 mod scenes;
+pub(crate) mod theme;
 mod view;
 mod world_painter;
 
@@ -100,7 +101,21 @@ fn tabs(viewer: &mut Viewer, ui: &mut Ui) {
             viewer.panels.recent.is_light = !viewer.panels.recent.is_light;
         }
     });
+    speed(viewer, ui);
     ui.separator();
+}
+
+/// The GPU time of a frame, and the frames a second of the last motion.
+fn speed(viewer: &mut Viewer, ui: &mut Ui) {
+    viewer.timing.frame_times.summarize();
+    // The line is there before the first frame, so that nothing jumps.
+    let Some(ms) = viewer.timing.frame_times.digest().map(|digest| digest.whole.median) else {
+        return drop(ui.weak("no frame yet"));
+    };
+    let rate = viewer.timing.pace.frames_per_second().map_or_else(String::new, |fps| format!(", {fps:.0} fps"));
+    let digits = if ms < 100.0 { 2 } else { 0 };
+    ui.weak(format!("{ms:.digits$} ms{rate}"))
+        .on_hover_text("The median GPU time of the last frames, and the frames a second of the last motion");
 }
 
 /// The sections of the open page.
@@ -113,10 +128,9 @@ fn page(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         }
         Tab::Quality => {
             section(ui, "Quality and speed", |ui| quality::show(viewer, pair, ui));
-            section(ui, "Time by stage", |ui| gpu_time::show(viewer, pair, ui));
         }
         Tab::Inside => {
-            section(ui, "Look inside", |ui| inspection::show(viewer, pair, ui));
+            section(ui, "View mode", |ui| inspection::show(viewer, pair, ui));
             section(ui, "Memory", |ui| gpu_time::memory(pair, ui));
         }
         Tab::Compare => section(ui, "Compare", |ui| compare::show(viewer, pair, ui)),

@@ -56,9 +56,8 @@ fn progress_text(viewer: &Viewer, pair: &Pair) -> Option<String> {
         let gaussians: usize = scenes.map(LoadedScene::count).sum();
         parts.push(format!("bringing {} Gaussians to the GPU", HumanCount(gaussians as u64)));
     }
-    let are_hidden = !viewer.scenes.layers.iter().any(|layer| layer.is_shown[0]);
-    if parts.is_empty() && are_hidden && !viewer.scenes.layers.is_empty() && pair.first.is_none() {
-        parts.push("no scene is shown: tick one in the page Scene".to_owned());
+    if parts.is_empty() {
+        parts.extend(viewer.why_nothing_is_seen(pair));
     }
     (!parts.is_empty()).then(|| parts.join("; "))
 }

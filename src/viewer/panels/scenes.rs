@@ -19,7 +19,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         });
     }
     match request {
-        Some((RowRequest::Look, number)) => viewer.frame_layer(number),
+        Some((RowRequest::GoTo, number)) => viewer.frame_layer(number),
         Some((RowRequest::Close, number)) => viewer.close(number),
         None => {}
     }
@@ -84,7 +84,7 @@ fn recent(viewer: &mut Viewer, ui: &mut Ui) {
         }
     })
     .response
-    .on_hover_text("OpenedScene lately");
+    .on_hover_text("Opened lately");
     if let Some(file) = chosen {
         viewer.drop_file(&file);
     }
@@ -92,7 +92,7 @@ fn recent(viewer: &mut Viewer, ui: &mut Ui) {
 
 /// The request of a row.
 enum RowRequest {
-    Look,
+    GoTo,
     Close,
 }
 
@@ -105,9 +105,9 @@ fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> Option<RowReq
             ui.checkbox(&mut layer.is_shown[1], "").on_hover_text("show it in the second picture");
         }
         ui.label(&layer.name).on_hover_text(&layer.summary);
-        if layer.is_loaded && ui.small_button("look").on_hover_text("move the view so that it is seen whole").clicked()
+        if layer.is_loaded && ui.small_button("go to").on_hover_text("move the view so that it is seen whole").clicked()
         {
-            request = Some(RowRequest::Look);
+            request = Some(RowRequest::GoTo);
         }
         if ui.small_button("x").on_hover_text("close it").clicked() {
             request = Some(RowRequest::Close);

@@ -1,0 +1,89 @@
+//! Colours of the panels: text that is read on both themes, and one colour for each stage of a frame.
+
+use egui::{Color32, Context, Theme};
+
+/// The grey of hints: at least 4.5 times as light as its ground, or as dark (contrast of WCAG 2.2).
+const HINTS: [(Theme, u8); 2] = [(Theme::Dark, 136), (Theme::Light, 106)];
+
+/// Makes hints as legible as WCAG asks for.
+pub(crate) fn set(context: &Context) {
+    for (theme, grey) in HINTS {
+        context.style_mut_of(theme, |style| style.visuals.weak_text_color = Some(Color32::from_gray(grey)));
+    }
+}
+
+/// The colours of stages. No frame has two stages of one colour; all have three times the contrast to both themes.
+const STAGES: [(&[&str], [u8; 3]); 12] = [
+    (&["cull", "begin", "look"], [147, 95, 100]),
+    (&["project"], [0, 149, 249]),
+    (&["list", "duplicate"], [0, 166, 0]),
+    (&["offsets", "ranges"], [18, 121, 121]),
+    (&["sort", "sort tiles"], [179, 0, 255]),
+    (&["sort depths", "choose"], [79, 103, 198]),
+    (&["scan", "count"], [255, 0, 128]),
+    (&["merge", "finish"], [236, 94, 137]),
+    (&["masks", "inspect", "shade attribute"], [140, 153, 23]),
+    (&["blend"], [223, 71, 33]),
+    (&["display"], [170, 128, 198]),
+    (&["panels"], [255, 0, 0]),
+];
+
+/// The colour of a stage.
+pub(super) fn stage_colour(stage: &str) -> Color32 {
+    let known = STAGES.iter().find(|(names, _)| names.contains(&stage));
+    known.map_or(Color32::GRAY, |(_, [r, g, b])| Color32::from_rgb(*r, *g, *b))
+}
+
+#[cfg(test)]
+mod tests {
+    use egui::Visuals;
+
+    use super::*;
+
+    /// The relative luminance of WCAG 2.2.
+    fn luminance(colour: Color32) -> f64 {
+        let linear = |value: u8| {
+            let value = f64::from(value) / 255.0;
+            if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+        };
+        let [r, g, b] = [colour.r(), colour.g(), colour.b()].map(linear);
+        0.2126 * r + 0.7152 * g + 0.0722 * b
+    }
+
+    fn contrast(a: Color32, b: Color32) -> f64 {
+        let [a, b] = [luminance(a), luminance(b)];
+        (a.max(b) + 0.05) / (a.min(b) + 0.05)
+    }
+
+    #[test]
+    fn hints_and_stages_are_told_from_their_ground() {
+        let context = Context::default();
+        set(&context);
+        for theme in [Theme::Dark, Theme::Light] {
+            let visuals = context.style_of(theme).visuals.clone();
+            for ground in [visuals.panel_fill, visuals.window_fill, visuals.extreme_bg_color] {
+                let hint = contrast(visuals.weak_text_color(), ground);
+                assert!(hint >= 4.5, "{theme:?}: hints have {hint:.2}");
+                for (names, _) in STAGES {
+                    let stage = contrast(stage_colour(names[0]), ground);
+                    assert!(stage >= 3.0, "{theme:?}: {names:?} has {stage:.2}");
+                }
+            }
+            let usual = match theme {
+                Theme::Dark => Visuals::dark(),
+                Theme::Light => Visuals::light(),
+            };
+            assert!(contrast(usual.weak_text_color(), usual.panel_fill) < 4.5, "without this hints are too faint");
+        }
+    }
+
+    #[test]
+    fn stages_have_colours_of_their_own() {
+        for (i, (a, [ar, ag, ab])) in STAGES.iter().enumerate() {
+            for (b, [br, bg, bb]) in &STAGES[..i] {
+                let apart = ar.abs_diff(*br).max(ag.abs_diff(*bg)).max(ab.abs_diff(*bb));
+                assert!(apart >= 40, "{a:?} and {b:?}");
+            }
+        }
+    }
+}
