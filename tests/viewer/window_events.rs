@@ -42,6 +42,7 @@ fn pages_are_told() {
         told = viewer.next("residency");
     }
     assert_eq!(told["coming"], 0, "{told}");
+    while viewer.next("first-frame")["is_whole"] != true {}
     assert!(told["there"].as_u64() > Some(30) && told["there"].as_u64() <= told["fitting"].as_u64(), "{told}");
     viewer.settle();
     viewer.quit();

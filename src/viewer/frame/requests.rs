@@ -102,7 +102,7 @@ impl Session {
                 None => None,
             };
             let first = Arc::new(first.renderer.pixels()?);
-            let covered = viewer.comparison.covered.filter(|_| matches!(self.pair.second, Some(Second::Image(_))));
+            let covered = viewer.covered(&self.pair);
             viewer.inspector.set_snapshot(first, second, covered);
         }
         viewer.compare_snapshot();

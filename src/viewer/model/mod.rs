@@ -83,7 +83,7 @@ pub(crate) use rate::RateControl;
 pub use recent::{RecentState, Tab};
 pub use requests::{Request, WindowRequest};
 pub use setup::{CompareWith, Setup, Start};
-pub(crate) use snapshot::{PairDifference, area_between, cropped};
+pub(crate) use snapshot::{Area, PairDifference, area_between, cropped};
 pub(crate) use undo::{Undo, UndoState};
 pub(crate) use view_modes::{InspectionSettings, Numbers, VIEW_MODES};
 pub use view_modes::{view_mode, view_mode_names};

@@ -22,6 +22,7 @@ use super::recent::{RecentState, Tab};
 use super::requests::Request;
 use super::scenes::Scenes;
 use super::setup::Setup;
+use super::snapshot::Area;
 use super::timing::Timing;
 use super::view::View;
 use crate::options::Options;
@@ -129,6 +130,11 @@ impl Viewer {
             PictureOf::Camera(camera) => (self.view.camera_index != Some(*camera)).then_some("another view"),
             PictureOf::File(_) => None,
         }
+    }
+
+    /// What a photograph covers of the view; `None` if the second picture covers all of it.
+    pub fn covered(&self, pair: &Pair) -> Option<Area> {
+        self.comparison.covered.filter(|_| matches!(pair.second, Some(Second::Image(_))))
     }
 
     /// The reason why the picture shows nothing of the scenes, as a sentence; `None` if it shows something.

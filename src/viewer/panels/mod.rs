@@ -62,7 +62,7 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     viewer.pictures.are_stale |= viewer.view.set_sizes(viewer.view.window_size, [pixels.x as u32, pixels.y as u32]);
     input::mouse(viewer, ui);
     overlay::show(viewer, pair, free, ui);
-    readout::show(viewer, free, ui);
+    readout::show(viewer, pair, free, ui);
     let world = WorldPainter::new(viewer, ui);
     readout::marks(viewer, &world, ui);
     inspection::frustum(viewer, &world);

@@ -7,14 +7,14 @@ use super::overlay::{MARGIN, label, painter};
 use super::world_painter::WorldPainter;
 use crate::pixels::{Pixels, to_byte};
 use crate::render::{Attribute, Look, Quantity, false_colour};
-use crate::viewer::model::{CompareTarget, Numbers, Viewer};
+use crate::viewer::model::{Area, CompareTarget, Numbers, Pair, Viewer};
 
 /// Draws the numbers. `free` is the rectangle of the picture.
-pub(super) fn show(viewer: &Viewer, free: Rect, ui: &Ui) {
+pub(super) fn show(viewer: &Viewer, pair: &Pair, free: Rect, ui: &Ui) {
     if viewer.panels.are_hidden {
         return;
     }
-    area(viewer, ui);
+    area(viewer, pair, ui);
     legend(viewer, free, ui);
     if let Some(text) = under_cursor(viewer) {
         label(&painter(ui), (free.right_bottom() - vec2(MARGIN, MARGIN), Align2::RIGHT_BOTTOM), text);
@@ -115,14 +115,24 @@ pub(super) fn marks(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
     }
 }
 
-/// The area of the pictures that is compared.
-fn area(viewer: &Viewer, ui: &Ui) {
-    let Some([left, top, right, bottom]) = viewer.comparison.area else { return };
-    if viewer.comparison.target == CompareTarget::Nothing {
+/// The area of the pictures that is compared, and what a photograph covers of the view.
+fn area(viewer: &Viewer, pair: &Pair, ui: &Ui) {
+    if viewer.comparison.target == CompareTarget::Nothing || viewer.mismatch(pair).is_some() {
         return;
     }
     let points = ui.ctx().pixels_per_point();
     let corner = |x: u32, y: u32| pos2(x as f32 / points, y as f32 / points);
-    let rect = Rect::from_min_max(corner(left, top), corner(right, bottom));
-    painter(ui).rect_stroke(rect, 0.0, Stroke::new(1.5, Color32::WHITE), StrokeKind::Outside);
+    let outline = |[left, top, right, bottom]: Area, width: f32| {
+        let rect = Rect::from_min_max(corner(left, top), corner(right, bottom));
+        painter(ui).rect_stroke(rect, 0.0, Stroke::new(width, Color32::WHITE), StrokeKind::Outside);
+        rect
+    };
+    if let Some(covered) = viewer.covered(pair) {
+        let rect = outline(covered, 1.0);
+        let place = (rect.left_bottom() + vec2(MARGIN, MARGIN), Align2::LEFT_TOP);
+        label(&painter(ui), place, format!("{} ends here", viewer.second_name(pair)));
+    }
+    if let Some(area) = viewer.comparison.area {
+        outline(area, 1.5);
+    }
 }
