@@ -197,6 +197,7 @@ const PARALLEL: f64 = 1e-6;
 
 impl EyeArgs {
     /// The values of these four options.
+    #[cfg(feature = "viewer")]
     pub fn of(eye: Option<DVec3>, target: Option<DVec3>, camera_up: Option<DVec3>, fov: Option<f64>) -> Self {
         Self { eye, target, camera_up, fov }
     }

@@ -223,6 +223,7 @@ impl ReadingArgs {
     }
 
     /// The options that say so.
+    #[cfg(feature = "viewer")]
     pub fn options(&self) -> Vec<String> {
         let axes = |Axes(axes): Axes| "xyz".chars().zip(axes).filter(|(_, is)| *is).map(|(axis, _)| axis).collect();
         let up = self.up.map(|up| ("--up", up.to_string()));

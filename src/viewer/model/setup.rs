@@ -59,9 +59,11 @@ pub struct Setup {
 pub enum Start {
     /// The camera of the file with this position or name.
     Camera(String),
-    /// The camera of scenes with this focus for a picture of this size, and the largest distance of its near plane.
-    Eye(Arc<dyn Fn(Focus, [u32; 2]) -> Result<(Camera, f32)> + Send + Sync>),
+    Eye(Arc<Eye>),
 }
+
+/// The camera of scenes with this focus for a picture of this size, and the largest distance of its near plane.
+pub type Eye = dyn Fn(Focus, [u32; 2]) -> Result<(Camera, f32)> + Send + Sync;
 
 /// The initial target of the comparison.
 #[derive(Clone, Debug, PartialEq)]

@@ -15,7 +15,7 @@ pub(crate) fn set(context: &Context) {
 /// The colours of stages. No frame has two stages of one colour; all have three times the contrast to both themes.
 const STAGES: [(&[&str], [u8; 3]); 12] = [
     (&["cull", "begin", "look"], [147, 95, 100]),
-    (&["project"], [0, 149, 249]),
+    (&["project"], [0, 143, 240]),
     (&["list", "duplicate"], [0, 166, 0]),
     (&["offsets", "ranges"], [18, 121, 121]),
     (&["sort", "sort tiles"], [179, 0, 255]),
