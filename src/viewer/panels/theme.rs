@@ -16,15 +16,15 @@ pub(crate) fn set(context: &Context) {
 const STAGES: [(&[&str], [u8; 3]); 12] = [
     (&["cull", "begin", "look"], [147, 95, 100]),
     (&["project"], [0, 143, 240]),
-    (&["list", "duplicate"], [0, 166, 0]),
+    (&["list", "duplicate"], [0, 163, 0]),
     (&["offsets", "ranges"], [18, 121, 121]),
     (&["sort", "sort tiles"], [179, 0, 255]),
     (&["sort depths", "choose"], [79, 103, 198]),
     (&["scan", "count"], [255, 0, 128]),
-    (&["merge", "finish"], [236, 94, 137]),
-    (&["masks", "inspect", "shade attribute"], [140, 153, 23]),
+    (&["merge", "finish"], [232, 92, 134]),
+    (&["masks", "inspect", "shade attribute"], [137, 150, 22]),
     (&["blend"], [223, 71, 33]),
-    (&["display"], [170, 128, 198]),
+    (&["display"], [167, 126, 195]),
     (&["panels"], [255, 0, 0]),
 ];
 
