@@ -11,7 +11,7 @@ use smalto::options::Options;
 use smalto::pixels::Pixels;
 use smalto::rules::Rules;
 use smalto::viewer::{
-    CompareTarget, CompareWith, Offscreen, Program, RecentState, Request, Setup, Tab, WindowRequest, view_mode,
+    CompareTarget, CompareWith, Offscreen, Program, RecentState, Request, Setup, Start, Tab, WindowRequest, view_mode,
 };
 
 use super::frames::{SIZE, open, setup, shown};
@@ -289,6 +289,30 @@ fn a_window_keeps_what_was_opened() {
     offscreen.viewer().drop_file(&scene);
     offscreen.settle().unwrap();
     assert_eq!(RecentState::read(&state).files, [scene]);
+}
+
+/// A first view that there is not is said.
+#[test]
+fn a_camera_that_there_is_not_is_said() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let file = folder.path().join("cameras.json");
+    let camera = Camera::looking_at(glam::DVec3::new(0.0, 0.0, -4.0), glam::DVec3::ZERO, SIZE, 0.7);
+    smalto::camera::write(&file, &[NamedCamera::new("one.png".to_owned(), camera.clone())]).unwrap();
+    let start = |name: &str| Some(Start::Camera(name.to_owned()));
+    for (cameras, start, expected) in [
+        (Some(file.clone()), start("7"), Some("--camera 7: the file has no such camera")),
+        (None, start("0"), Some("--camera 0: there is no camera file")),
+        (Some(file.clone()), start("-1"), None),
+        (Some(file.clone()), start("one"), None),
+    ] {
+        let setup = Setup { cameras, start, ..setup(&["cactus:300"]) };
+        let mut offscreen = Offscreen::new(setup, &gpu.0, SIZE).unwrap();
+        let found = offscreen.settle().err().map(|problem| problem.to_string());
+        assert_eq!(found.as_deref(), expected);
+        if expected.is_none() {
+            assert_eq!(offscreen.viewer().view.camera().position, camera.position);
+        }
+    }
 }
 
 /// The copied `smalto view` opens a window that shows the same.

@@ -32,15 +32,12 @@ pub fn certify(study: &Study, progress: &dyn Fn(f64)) -> Result<CertificateRepor
     let mut settings: Vec<(Options, SettingReport)> =
         settings(&study.exact).into_iter().map(|(name, options)| (options, empty(&name))).collect();
     let scene = GpuScene::certifiable(study.device, study.gaussians, study.statistics, &study.exact)?;
-    let is_projected = study.rules().response == Response::Screen;
-    let mut along_rays = match is_projected {
-        true => {
-            let certifier = RayCertifier::new(study.device, &study.exact, &scene)?;
-            let renderer = Renderer::new(study.device, &study.exact, &scene)?;
-            Some((certifier, renderer, empty("exact, along rays")))
-        }
-        false => None,
+    let along_rays = || {
+        let certifier = RayCertifier::new(study.device, &study.exact, &scene)?;
+        let renderer = Renderer::new(study.device, &study.exact, &scene)?;
+        anyhow::Ok((certifier, renderer, empty("exact, along rays")))
     };
+    let mut along_rays = (study.rules().response == Response::Screen).then(along_rays).transpose()?;
     for (done, view) in study.small_views.iter().enumerate() {
         progress(done as f64 / study.small_views.len() as f64);
         let complete = reference::render(study.gaussians, view, &study.rules().complete(), study.background);

@@ -9,7 +9,7 @@ use crate::formats::{LOD_META, Reading, in_folder};
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::model::{
     CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Origin, Photographs, PictureOf,
-    Reporter, SecondPicture, Viewer, holds_photographs, is_project,
+    Reporter, SecondPicture, Start, Viewer, holds_photographs, is_project,
 };
 
 /// The path of typed or pasted text, which may have surrounding spaces, quotes, file://, or ~ for the home folder. An
@@ -288,12 +288,13 @@ impl Viewer {
                 self.cameras.thumbnails.clear();
                 self.cameras.evaluation = None;
                 self.find_photographs();
-                if !self.go_to_project() {
+                let is_of_start = origin == Origin::Found || self.setup.cameras.as_deref() == Some(path);
+                let starts = is_of_start && self.setup.start.is_some();
+                if starts || !self.go_to_project() {
                     self.options.rules.near = self.setup.options.rules.near;
                     self.view.near_limit = None;
-                    match self.scenes.focus() {
+                    match self.scenes.focus().filter(|_| starts) {
                         Some(focus) => self.go_to_start(focus),
-                        // The first scene does so.
                         None => self.go_to_camera(0, true),
                     }
                 }
@@ -305,6 +306,9 @@ impl Viewer {
                 let text = Unreadable::new(path, &problem).as_passed_over();
                 (self.setup.remark)(&format!("note: {text}"));
                 self.messages.note(text);
+                if let (Some(Start::Camera(_)), Some(focus)) = (&self.setup.start, self.scenes.focus()) {
+                    self.go_to_start(focus);
+                }
             }
             Err(problem) => {
                 self.end_project();

@@ -38,7 +38,7 @@ impl Viewer {
         if let LensChoice::All(lens) = &self.setup.lenses {
             self.view.navigator.set_lens(lens.clone());
         }
-        if !self.go_to_project() {
+        if !self.go_to_project() || self.setup.start.is_some() {
             self.go_to_start(focus);
         }
         self.view.is_set = true;
@@ -52,12 +52,12 @@ impl Viewer {
             None => self.go_to_camera(0, true),
             Some(Start::Camera(wanted)) => match position_of(&self.cameras.list, &wanted) {
                 Some(index) => self.go_to_camera(index, true),
-                None if self.cameras.list.is_empty() => {}
+                // The cameras, once they are read, call this again.
+                None if self.cameras.are_loading && self.cameras.file.is_none() => {}
                 None => {
                     let count = self.cameras.list.len();
-                    let text = format!("--camera {wanted}: the file has {count} cameras and none of this name");
-                    self.messages.error(text.clone());
-                    self.messages.failure.get_or_insert_with(|| anyhow!(text));
+                    let why = if count == 0 { "there is no camera file" } else { "the file has no such camera" };
+                    self.refuse_start(anyhow!("--camera {wanted}: {why}"));
                 }
             },
             Some(Start::Eye(camera)) => match camera(focus, self.view.size) {
@@ -67,12 +67,14 @@ impl Viewer {
                         self.options.rules.near = self.setup.options.rules.near.min(nearest);
                     }
                 }
-                Err(problem) => {
-                    self.messages.error(format!("{problem:#}"));
-                    self.messages.failure.get_or_insert(problem);
-                }
+                Err(problem) => self.refuse_start(problem),
             },
         }
+    }
+
+    fn refuse_start(&mut self, problem: anyhow::Error) {
+        self.messages.error(format!("{problem:#}"));
+        self.messages.failure.get_or_insert(problem);
     }
 
     /// Goes to a camera of the file, at once or in a glide. Does nothing if there is no such camera.
