@@ -1,12 +1,15 @@
 //! Labels over the picture: names of two pictures, progress, messages, the start page, and the hint for dropped files.
 
-use egui::{Align2, Area, Color32, Context, FontId, Frame, LayerId, Painter, Pos2, Rect, RichText, Stroke, Ui};
+use egui::{Align2, Area, Color32, Context, FontId, Frame, LayerId, Painter, Pos2, Rect, RichText, Stroke, Ui, Vec2};
 use indicatif::HumanCount;
 
 use crate::viewer::model::{Action, CompareMode, CompareTarget, LoadedScene, Pair, Side, Viewer};
 
 /// Space between the edge of the picture and labels, in points.
 pub(super) const MARGIN: f32 = 6.0;
+
+/// The height of a row of labels, in points.
+const ROW: f32 = 24.0;
 
 /// The identifier of the area of messages.
 const MESSAGES: &str = "messages";
@@ -15,7 +18,10 @@ const MESSAGES: &str = "messages";
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
     split_line(viewer, pair, ui);
     if viewer.scenes.layers.is_empty() && !viewer.panels.are_hidden {
-        start_page(viewer, free, ui.ctx());
+        // The hint for dropped files takes the place of the card.
+        if !are_files_held(ui.ctx()) {
+            start_page(viewer, free, ui.ctx());
+        }
     } else if let Some(text) = progress_text(viewer, pair) {
         let messages = ui.ctx().memory(|memory| memory.area_rect(MESSAGES));
         let messages = messages.filter(|_| !viewer.messages.shown().is_empty());
@@ -36,10 +42,16 @@ pub(super) fn painter(ui: &Ui) -> Painter {
     ui.ctx().layer_painter(LayerId::background()).with_clip_rect(ui.clip_rect())
 }
 
-/// Draws a text on a dark ground, with this corner at a position.
+/// Draws a text on a dark ground, with this corner at a position. A text at a position that is seen is seen whole.
 pub(super) fn label(painter: &Painter, (place, corner): (Pos2, Align2), text: String) {
-    let galley = painter.layout_no_wrap(text, FontId::proportional(13.0), Color32::WHITE);
-    let rect = corner.anchor_size(place, galley.size());
+    let seen = painter.clip_rect().shrink(MARGIN);
+    let galley = painter.layout(text, FontId::proportional(13.0), Color32::WHITE, seen.width().max(1.0));
+    let mut rect = corner.anchor_size(place, galley.size());
+    if painter.clip_rect().contains(place) {
+        let inside = rect.min + (seen.max - rect.max).min(Vec2::ZERO);
+        // The beginning is seen of what is larger than the picture.
+        rect = rect.translate(inside.max(seen.min) - rect.min);
+    }
     painter.rect_filled(rect.expand(3.0), 2.0, Color32::from_black_alpha(170));
     painter.galley(rect.min, galley, Color32::WHITE);
 }
@@ -114,9 +126,13 @@ fn refusal(viewer: &mut Viewer, pair: &Pair, free: Rect, context: &Context) {
     });
 }
 
+fn are_files_held(context: &Context) -> bool {
+    context.input(|input| !input.raw.hovered_files.is_empty())
+}
+
 /// The hint for files that are held over the window.
 fn drop_hint(free: Rect, context: &Context) {
-    if context.input(|input| input.raw.hovered_files.is_empty()) {
+    if !are_files_held(context) {
         return;
     }
     let painter = context.layer_painter(LayerId::new(egui::Order::Foreground, "drop".into()));
@@ -131,7 +147,8 @@ fn messages(viewer: &mut Viewer, context: &Context) {
     let mut closed = None;
     let area = Area::new(MESSAGES.into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]);
     // Without this, egui would draw the first message of a session nearly transparent, until the next layout.
-    area.fade_in(false).show(context, |ui| {
+    // Messages lie over the start page.
+    area.order(egui::Order::Foreground).fade_in(false).show(context, |ui| {
         ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
         let errors = viewer.messages.shown().iter().filter(|message| message.is_error).count();
         for (index, message) in viewer.messages.shown().iter().enumerate() {
@@ -172,8 +189,11 @@ fn split_line(viewer: &Viewer, pair: &Pair, ui: &Ui) {
     match comparison.mode {
         CompareMode::Split => {
             painter.vline(x, 0.0..=height, Stroke::new(1.0, Color32::WHITE));
-            label(&painter, (Pos2::new(x - MARGIN, MARGIN), Align2::RIGHT_TOP), first);
-            label(&painter, (Pos2::new(x + MARGIN, MARGIN), Align2::LEFT_TOP), second);
+            // Near an edge, where a name is moved over the line, it has a row of its own.
+            let row = |is_near: bool| if is_near { MARGIN + ROW } else { MARGIN };
+            let (first_row, second_row) = (row(x < 0.35 * width), row(x > 0.65 * width));
+            label(&painter, (Pos2::new(x - MARGIN, first_row), Align2::RIGHT_TOP), first);
+            label(&painter, (Pos2::new(x + MARGIN, second_row), Align2::LEFT_TOP), second);
         }
         CompareMode::Flicker => label(&painter, left, format!("{first}, {second}")),
         CompareMode::Difference => {

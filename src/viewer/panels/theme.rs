@@ -25,7 +25,7 @@ const STAGES: [(&[&str], [u8; 3]); 12] = [
     (&["masks", "inspect", "shade attribute"], [137, 150, 22]),
     (&["blend"], [223, 71, 33]),
     (&["display"], [167, 126, 195]),
-    (&["panels"], [255, 0, 0]),
+    (&["panels"], [110, 130, 150]),
 ];
 
 /// The colour of a stage.

@@ -92,8 +92,9 @@ const MAX_LOSSES: u32 = 3;
 impl App {
     fn open(&mut self, events: &ActiveEventLoop) -> Result<OpenWindow> {
         let setup = &self.setup;
+        let monitor = events.primary_monitor().or_else(|| events.available_monitors().next());
         let window = events
-            .create_window(setup.attributes())
+            .create_window(setup.attributes(monitor.as_ref()))
             .map_err(|e| Unavailable(format!("no window can be opened: {e}")))?;
         let window = Arc::new(window);
         let device = setup.open_device(&window)?;

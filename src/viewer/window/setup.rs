@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use winit::dpi::{LogicalSize, PhysicalSize, Size};
+use winit::monitor::MonitorHandle;
 use winit::window::{Fullscreen, Window, WindowAttributes};
 
 use super::fault::Fault;
@@ -42,11 +43,13 @@ impl WindowSetup {
         Ok((self.with_pipeline_cache)(device))
     }
 
-    /// The attributes of the window.
-    pub(crate) fn attributes(&self) -> WindowAttributes {
-        let size = match self.size {
-            Some(size) => Size::from(PhysicalSize::<u32>::from(size)),
-            None => LogicalSize::<u32>::from(DEFAULT_SIZE).into(),
+    /// The attributes of the window. The default size fits on the monitor, where one is known.
+    pub(crate) fn attributes(&self, monitor: Option<&MonitorHandle>) -> WindowAttributes {
+        let default = LogicalSize::<u32>::from(DEFAULT_SIZE);
+        let size = match (self.size, monitor) {
+            (Some(size), _) => Size::from(PhysicalSize::<u32>::from(size)),
+            (None, None) => default.into(),
+            (None, Some(monitor)) => fitting(default.to_physical(monitor.scale_factor()), monitor.size()).into(),
         };
         let attributes = Window::default_attributes()
             .with_title(NAME)
@@ -56,5 +59,24 @@ impl WindowSetup {
         #[cfg(all(unix, not(target_vendor = "apple")))]
         let attributes = winit::platform::wayland::WindowAttributesExtWayland::with_name(attributes, NAME, NAME);
         attributes
+    }
+}
+
+/// The size of a window that is no larger than a monitor, which may have no size.
+fn fitting(size: PhysicalSize<u32>, monitor: PhysicalSize<u32>) -> PhysicalSize<u32> {
+    let side = |own: u32, whole: u32| if whole > 0 { own.min(whole) } else { own };
+    PhysicalSize::new(side(size.width, monitor.width), side(size.height, monitor.height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_window_is_no_larger_than_its_monitor() {
+        let fits = |size: [u32; 2], monitor: [u32; 2]| <[u32; 2]>::from(fitting(size.into(), monitor.into()));
+        assert_eq!(fits([1280, 720], [1920, 1080]), [1280, 720]);
+        assert_eq!(fits([2560, 1440], [1920, 1080]), [1920, 1080]);
+        assert_eq!(fits([1280, 720], [0, 0]), [1280, 720]);
     }
 }
