@@ -15,13 +15,13 @@ pub(crate) fn set(context: &Context) {
 /// The colours of stages; others are grey. Stages of one colour belong to different paths. All have three times the
 /// contrast to both themes.
 const STAGES: [(&[&str], [u8; 3]); 12] = [
-    (&["cull", "look"], [147, 95, 100]),
+    (&["cull"], [147, 95, 100]),
     (&["project"], [0, 143, 240]),
     (&["list", "duplicate"], [0, 163, 0]),
     (&["offsets", "ranges"], [18, 121, 121]),
     (&["sort", "sort tiles"], [179, 0, 255]),
-    (&["sort depths", "choose"], [79, 103, 198]),
-    (&["scan", "count"], [255, 0, 128]),
+    (&["sort depths"], [79, 103, 198]),
+    (&["scan"], [255, 0, 128]),
     (&["merge"], [232, 92, 134]),
     (&["masks", "inspect", "shade attribute"], [137, 150, 22]),
     (&["blend"], [223, 71, 33]),
