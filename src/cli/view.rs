@@ -50,8 +50,8 @@ pub(super) struct Args {
     lens: LensArgs,
     /// Begin at this camera: 7, -1 or an image name [default: first]
     ///
-    /// A position is a number from 0 on, or from -1 for the last backwards. An image name is written with or without its
-    /// ending.
+    /// A position is a number from 0 on, or from -1 for the last backwards. An image name is written with or without
+    /// its ending.
     #[arg(long, help_heading = CAMERAS, value_name = "CAMERA", allow_hyphen_values = true)]
     #[arg(conflicts_with_all = ["eye", "path"])]
     camera: Option<String>,
