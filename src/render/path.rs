@@ -45,14 +45,14 @@ pub(super) struct Limits {
 
 /// The two pairs of paths that draw the same pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Pair {
+pub(crate) enum PathPair {
     /// Those of pinholes.
     Projected,
     /// Those along rays.
     Rays,
 }
 
-impl Pair {
+impl PathPair {
     /// The path that a self-test tests, and the one that it is compared with.
     pub fn paths(self) -> [Path; 2] {
         match self {

@@ -9,7 +9,7 @@ use anyhow::{Result, bail, ensure};
 use super::capacity::MAX_ATTEMPTS;
 use super::fast::BLOCK_FORMS;
 use super::frame::{Shot, Target, Variation};
-use super::path::{Pair, Path};
+use super::path::{Path, PathPair};
 use super::path_choice::PathChoice;
 use super::readback::read_pixels;
 use super::scene::{GpuScene, SELF_TEST_GAUSSIANS, SELF_TEST_SIZE};
@@ -31,11 +31,11 @@ fn is_due(device: &Device) -> bool {
 }
 
 /// The camera of the self-test of a scene.
-fn camera(pair: Pair, scene: &GpuScene) -> Result<Camera> {
+fn camera(pair: PathPair, scene: &GpuScene) -> Result<Camera> {
     let camera = scene.self_test.camera.clone();
     Ok(match pair {
-        Pair::Projected => camera,
-        Pair::Rays => Camera { lens: Lens::named("FISHEYE", &[])?.map(Arc::new), ..camera },
+        PathPair::Projected => camera,
+        PathPair::Rays => Camera { lens: Lens::named("FISHEYE", &[])?.map(Arc::new), ..camera },
     })
 }
 
@@ -43,7 +43,7 @@ fn camera(pair: Pair, scene: &GpuScene) -> Result<Camera> {
 pub(crate) fn choose(device: &Device, options: &Options, scene: &GpuScene, variation: Variation) -> Result<PathChoice> {
     let mut paths = PathChoice::new(device, options, scene, variation)?;
     if is_due(device) {
-        test(&mut paths, device, scene, Pair::Projected)?;
+        test(&mut paths, device, scene, PathPair::Projected)?;
     }
     Ok(paths)
 }
@@ -53,12 +53,12 @@ pub(crate) fn test_rays(paths: &mut PathChoice, device: &Device, scene: &GpuScen
     if camera.lens.is_none() || !paths.rays_need_test() || !is_due(device) {
         return Ok(());
     }
-    test(paths, device, scene, Pair::Rays)
+    test(paths, device, scene, PathPair::Rays)
 }
 
 /// Tests a fast path, and drops it if its picture differs from that of the other path. A device that remembers a passed
 /// test is not tested again with the same pipelines and Gaussians.
-fn test(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: Pair) -> Result<()> {
+fn test(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: PathPair) -> Result<()> {
     let Some(pipelines) = paths.fingerprint(device, pair)? else { return Ok(()) };
     // A scene may need stages that the self-test of another did not reach.
     let drawn = scene.self_test.hash;
@@ -67,7 +67,7 @@ fn test(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: Pair) -
         return paths.end_self_test(device, scene.len(), pair, None);
     }
     let begun = Instant::now();
-    if pair == Pair::Projected {
+    if pair == PathPair::Projected {
         paths.make_all_pipelines(device)?;
     }
     let disagreement = match disagreement(paths, device, scene, pair) {
@@ -94,7 +94,7 @@ fn test(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: Pair) -
 }
 
 /// The largest difference between the pictures of a pair of paths, if it is more than rounding explains.
-fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: Pair) -> Result<Option<f32>> {
+fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: PathPair) -> Result<Option<f32>> {
     let scene = scene.first(SELF_TEST_GAUSSIANS);
     let camera = camera(pair, &scene)?;
     let shot = Shot { scene: &scene, camera: &camera };
@@ -167,7 +167,7 @@ mod tests {
         let (options, gaussians) = (Options::EXACT, cactus::cactus(3000).unwrap().gaussians);
         let scene = GpuScene::new(&device, &gaussians, &options).unwrap();
         let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();
-        for pair in [Pair::Projected, Pair::Rays] {
+        for pair in [PathPair::Projected, PathPair::Rays] {
             paths.self_test_time = None;
             test(&mut paths, &device, &scene, pair).unwrap();
             assert_eq!(paths.notice, None);
@@ -178,7 +178,7 @@ mod tests {
 
         let mut wrong = options;
         wrong.rules.alpha_max = 0.5;
-        for pair in [Pair::Projected, Pair::Rays] {
+        for pair in [PathPair::Projected, PathPair::Rays] {
             for number in ["first", "second"] {
                 let mut paths = PathChoice::new(&device, &options, &scene, Variation::Plain).unwrap();
                 paths.replace_fast(FastPipeline::new(&device, &wrong, scene.layout()).unwrap().unwrap());

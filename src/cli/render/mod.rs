@@ -233,8 +233,8 @@ pub(super) struct Args {
     /// The picture is drawn as without --certificate, on any path and by any response. The certificate bounds its
     /// distance from the complete sum along rays, with the errors of the projection and of the order of splats.
     #[arg(long, help_heading = REPORTS, hide_short_help = true, requires = "certificate")]
+    // With what --certificate conflicts with, clap would not ask for --certificate.
     #[arg(conflicts_with_all = ["reference", "place", "resume", "verify", "measure_levels"])]
-    // clap waives `requires` with these
     certify_rays: bool,
     /// Write the buffers that each stage of a single picture changed to this folder, as .npy
     #[arg(long, help_heading = REPORTS, hide_short_help = true, value_name = "DIR")]

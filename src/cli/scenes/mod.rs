@@ -222,7 +222,7 @@ impl ReadingArgs {
         self.up.is_none() && self.flip.is_none() && self.lod.is_none() && self.then == Transform::IDENTITY
     }
 
-    /// The options that say so.
+    /// The options of a command line with these values.
     #[cfg(feature = "viewer")]
     pub fn options(&self) -> Vec<String> {
         let axes = |Axes(axes): Axes| "xyz".chars().zip(axes).filter(|(_, is)| *is).map(|(axis, _)| axis).collect();

@@ -17,7 +17,7 @@ use crate::render::fast_rays::FastRaysPipeline;
 use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::{Attribute, Inspector, Listed};
 use crate::render::lod::{LodSelector, load_missing};
-use crate::render::path::{Limits, Pair, Path};
+use crate::render::path::{Limits, Path, PathPair};
 use crate::render::portable::PortablePipeline;
 use crate::render::recorded::PagedCounts;
 use crate::render::scene::{GpuScene, SELF_TEST_GAUSSIANS};
@@ -141,12 +141,12 @@ impl PathChoice {
     ///
     /// # Errors
     /// If a shader cannot be compiled at run time.
-    pub fn fingerprint(&self, device: &Device, pair: Pair) -> Result<Option<blake3::Hash>> {
+    pub fn fingerprint(&self, device: &Device, pair: PathPair) -> Result<Option<blake3::Hash>> {
         let Some(fast) = &self.fast else { return Ok(None) };
         let fast = &fast.pipeline;
         Ok(Some(match pair {
-            Pair::Projected => fast.fingerprint(device)?,
-            Pair::Rays => FastRaysPipeline::fingerprint(device, fast)?,
+            PathPair::Projected => fast.fingerprint(device)?,
+            PathPair::Rays => FastRaysPipeline::fingerprint(device, fast)?,
         }))
     }
 
@@ -155,7 +155,7 @@ impl PathChoice {
         &mut self,
         device: &Device,
         gaussians: usize,
-        pair: Pair,
+        pair: PathPair,
         disagreement: Option<f32>,
     ) -> Result<()> {
         if let Some(difference) = disagreement {
@@ -165,7 +165,7 @@ impl PathChoice {
                  {difference:.3}"
             ));
         }
-        if pair == Pair::Rays {
+        if pair == PathPair::Rays {
             // Buffers of this size suit no other picture.
             (self.rays, self.fast_rays) = (None, None);
             self.rays_test = if disagreement.is_none() { RaysTest::Done } else { RaysTest::Failed };

@@ -8,7 +8,7 @@ use crate::options::{Group, KNOBS, Knob, Options};
 use crate::rules::Background;
 use crate::viewer::model::{
     CompareMode, CompareTarget, Comparison, Edit, Event, Layer, LayerSource, PictureOf, Placement, Request, Viewer,
-    WindowRequest,
+    WindowRequest, preset_name,
 };
 
 /// A command that can draw the picture of the window.
@@ -147,12 +147,8 @@ impl Viewer {
         }
         let Comparison { target, mode, split, gain, flicker_hz, picture, .. } = &self.comparison;
         let with = match target {
-            CompareTarget::Nothing => None,
-            CompareTarget::Options(Some(options)) => {
-                let known = Options::PRESETS.iter().find(|(_, preset)| preset == options);
-                known.map(|(name, _)| (*name).to_owned())
-            }
-            CompareTarget::Options(None) => None,
+            CompareTarget::Nothing | CompareTarget::Options(None) => None,
+            CompareTarget::Options(Some(options)) => preset_name(|preset| preset == options).map(str::to_owned),
             CompareTarget::Reference => Some("reference".to_owned()),
             CompareTarget::Picture => picture
                 .as_ref()

@@ -88,3 +88,4 @@ pub(crate) use undo::{Undo, UndoState};
 pub(crate) use view_modes::{InspectionSettings, Numbers, VIEW_MODES};
 pub use view_modes::{view_mode, view_mode_names};
 pub use viewer::Viewer;
+pub(crate) use viewer::preset_name;

@@ -20,7 +20,7 @@ pub struct Setup {
     pub scenes: Vec<PathBuf>,
     /// Applies to `scenes`. Scenes that are opened later are read with the defaults.
     pub reading: Reading,
-    /// The options of the command line that say `reading`.
+    /// The options of a command line for `reading`.
     pub reading_options: Vec<String>,
     pub cameras: Option<PathBuf>,
     /// The first view; `None` for the first camera of the file, or a view of the whole scene.

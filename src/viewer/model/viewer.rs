@@ -232,6 +232,6 @@ impl Viewer {
 }
 
 /// The name of the preset that is like this.
-fn preset_name(is_like: impl Fn(&Options) -> bool) -> Option<&'static str> {
+pub fn preset_name(is_like: impl Fn(&Options) -> bool) -> Option<&'static str> {
     Options::PRESETS.iter().find(|(_, preset)| is_like(preset)).map(|(name, _)| *name)
 }
