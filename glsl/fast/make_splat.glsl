@@ -8,6 +8,7 @@
 //   RAYS             for pictures along rays, whose bindings and push constants are those of fast_rays/project.comp
 #define LISTED (uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height))
 #include "shared/ellipse.glsl"
+#include "shared/marks.glsl"
 #include "shared/storage.glsl"
 #ifdef RAYS
 #include "fast_rays/projection.glsl"
@@ -86,7 +87,7 @@ void make_splat(uint gaussian, float z, bool exists) {
     span_ranges[index] = uvec2(place, rows.x | rows.y << 16);
     depth_keys[index] = depth_key(mean, z);
     if (!SH_EARLY) fetch_sh(gaussian, stored);
-    splat.colour = stored_colour(stored, direction(p));
+    splat.colour = marked_colour(bounds[gaussian].w, stored_colour(stored, direction(p)));
 #ifdef ATTRIBUTES
     if (ATTRIBUTE != NO_ATTRIBUTE) splat.colour = attribute_of(gaussian, mean, z, area_of(splat));
 #endif

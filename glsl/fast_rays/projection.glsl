@@ -1,6 +1,6 @@
 // The projection of a Gaussian to a ray splat, and the bins that its rays are in.
 // Requires: fast_rays/frame.glsl, fast_rays/record.glsl, ellipse.glsl, depth.glsl, rotation.glsl, storage.glsl,
-// VIEW, lens_table[], cells[], footprints[]
+// marks.glsl, VIEW, lens_table[], cells[], footprints[]
 
 #define IS_PARALLEL (lens_table[1].z == 1)
 #define HALF_SINE uintBitsToFloat(lens_table[1].x)
@@ -64,9 +64,10 @@ float bend_px(Place place, float chord) {
 // The words of `bound` and the test of pixel centres are those of shared/cull_test.glsl.
 bool may_be_visible(uvec4 bound, out float far) {
     vec3 mean = uintBitsToFloat(bound.xyz);
-    float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
+    vec2 sizes = reach_and_deviations(bound.w);
+    float reach = sizes.x, deviations = sizes.y;
     far = far_of(mean);
-    if (!(reach >= 0.0 && far > VIEW.near)) return false;
+    if (is_never_drawn(bound.w) || !(far > VIEW.near)) return false;
     vec3 p = view_axes(mean);
     vec3 centre = centre_of(p);
     float widest = uintBitsToFloat(lens_table[1].y);

@@ -15,6 +15,7 @@ layout(push_constant, scalar) uniform Push {
     uint isolated;  // ALL, or the index of the Gaussian to keep
 } push;
 
+#include "shared/marks.glsl"
 #include "shared/cull_test.glsl"
 
 const uint ALL = 0xffffffff;

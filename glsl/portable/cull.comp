@@ -13,6 +13,7 @@ layout(push_constant, scalar) uniform Push {
     uint gaussians;
 } push;
 
+#include "shared/marks.glsl"
 #include "shared/cull_test.glsl"
 
 #include "portable/cull_chunk.glsl"

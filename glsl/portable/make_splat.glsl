@@ -2,6 +2,7 @@
 // Requires: the bindings and push constants of portable/project.comp, and as macros
 //   FIND(visible)    the Gaussian of an element of gaussian_from_splat; it may choose VIEW
 //   VIEW, IN_WORLD(depth) and NEAR, as depth_key.glsl says
+#include "shared/marks.glsl"
 #include "shared/storage.glsl"
 #include "shared/projection.glsl"
 #include "shared/depth_key.glsl"
@@ -48,7 +49,7 @@ void main() {
     if (tiles > 0) {
         uvec4 stored[SH_VECTORS];
         fetch_sh(gaussian, stored);
-        splat.colour = stored_colour(stored, direction(p));
+        splat.colour = marked_colour(bounds[gaussian].w, stored_colour(stored, direction(p)));
         splats[index] = splat;
     }
 }

@@ -19,13 +19,15 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 #define IS_PARALLEL (push.is_parallel == 1)
+#include "shared/marks.glsl"
 #include "rays/view.glsl"
 
 // The words of `bound` are those of shared/cull_test.glsl.
 bool may_be_visible(uvec4 bound) {
     vec3 mean = uintBitsToFloat(bound.xyz);
-    float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
-    if (!(reach >= 0.0 && far_of(mean) > VIEW.near)) return false;
+    vec2 sizes = reach_and_deviations(bound.w);
+    float reach = sizes.x, deviations = sizes.y;
+    if (is_never_drawn(bound.w) || !(far_of(mean) > VIEW.near)) return false;
     vec3 p = view_axes(mean);
     float angle = 1.00001 * reach / unit_of(p) + deviations * sqrt(LOW_PASS) * push.widest;
     vec3 centre = centre_of(p);

@@ -34,6 +34,7 @@ layout(push_constant, scalar) uniform Push {
 
 #define IS_PARALLEL (push.is_parallel == 1)
 #define HALF_SINE push.half_sine
+#include "shared/marks.glsl"
 #include "shared/storage.glsl"
 #include "rays/view.glsl"
 #include "rays/form.glsl"
@@ -89,7 +90,7 @@ void main() {
     if (tiles > 0) {
         uvec4 stored[SH_VECTORS];
         fetch_sh(gaussian, stored);
-        splat.colour = stored_colour(stored, to_world(direction(p)));
+        splat.colour = marked_colour(bounds[gaussian].w, stored_colour(stored, to_world(direction(p))));
         splats[index] = splat;
     }
 }

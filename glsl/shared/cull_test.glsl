@@ -1,19 +1,20 @@
 // The cull test: a bound on where a Gaussian can touch the image that `VIEW` sees.
-// Requires: frame.glsl, VIEW
+// Requires: frame.glsl, marks.glsl, VIEW
 #include "shared/depth.glsl"
 
 // True if the Gaussian may touch a pixel centre; `z` is the view depth of its mean.
 // `bound` holds the mean, and two bfloat16 in its last word. The lower one is the number of standard deviations from
 // the mean at which alpha falls to ALPHA_MIN. The upper one is the same in world units along the longest axis, or
-// negative if alpha is below ALPHA_MIN everywhere.
+// negative if alpha is below ALPHA_MIN everywhere. Their signs are marks (marks.glsl).
 // The half extent of the splat is bounded: the rows of J W have length f/z * sqrt(1 + t^2), where t is the clamped
 // slope (projection.glsl), and the low-pass adds at most deviations * sqrt(LOW_PASS).
 bool may_be_visible(uvec4 bound, out float z) {
     vec3 mean = uintBitsToFloat(bound.xyz);
-    float reach = uintBitsToFloat(bound.w & 0xffff0000), deviations = uintBitsToFloat(bound.w << 16);
+    vec2 sizes = reach_and_deviations(bound.w);
+    float reach = sizes.x, deviations = sizes.y;
     precise vec3 p = (mean - VIEW.position_high) - VIEW.position_low;
     z = depth_of(mean, VIEW);
-    if (!(reach >= 0.0 && z > VIEW.near)) return false;
+    if (is_never_drawn(bound.w) || !(z > VIEW.near)) return false;
     vec2 slope = vec2(dot(VIEW.right, p), dot(VIEW.down, p)) / z;
     vec2 size = vec2(VIEW.size_px);
     vec2 margin = 0.15 * size;

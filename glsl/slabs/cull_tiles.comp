@@ -31,6 +31,7 @@ layout(push_constant, scalar) uniform Push {
 #include "pages/current_page.glsl"
 #include "pages/gaussian_index.glsl"
 #include "lod/nodes.glsl"
+#include "shared/marks.glsl"
 #include "shared/cull_test.glsl"
 #include "shared/depth_key.glsl"
 

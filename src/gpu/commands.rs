@@ -210,6 +210,18 @@ impl Commands {
         Ok(())
     }
 
+    /// Copies a buffer to another one on the device.
+    ///
+    /// # Panics
+    /// If they have different lengths.
+    pub fn copy<T: Element>(&mut self, from: &Buffer<T>, to: &Buffer<T>) {
+        assert_eq!(from.len(), to.len(), "`{}` is as long as `{}`", to.name(), from.name());
+        self.reads(from.resource(), "copy", Access::COPY_READ);
+        self.writes(to.resource(), "copy", Access::COPY_WRITE);
+        let region = vk::BufferCopy { src_offset: 0, dst_offset: 0, size: from.bytes() };
+        self.copy_buffer(&from.storage, &to.storage, region);
+    }
+
     /// Copies a buffer to the host. [`Results::view`](super::Results::view) gives its content after the wait.
     ///
     /// # Errors

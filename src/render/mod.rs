@@ -56,6 +56,7 @@ mod frame;
 mod frame_queue;
 mod inspect;
 mod lod;
+mod marks;
 mod pack;
 mod pages;
 mod path;
@@ -90,6 +91,7 @@ pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, dep
 pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
 pub use lod::LodReport;
 #[doc(hidden)]
+pub use marks::{Aim, Figure, Marker, Outline, SelectionMode, from_segment};
 pub use pack::Packer;
 pub use path::Path;
 #[doc(hidden)]

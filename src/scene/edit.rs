@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::harmonics::{C0, flip_sign};
+use super::harmonics::flip_sign;
 use super::{Gaussians, sh_coefficients};
 use crate::host_memory::{OutOfMemory, host_vec};
 
@@ -46,23 +46,6 @@ impl Gaussians {
         selected.opacities.extend(indices().map(|i| self.opacities[i]));
         indices().for_each(|i| selected.sh.extend_from_slice(self.sh(i)));
         Ok(selected)
-    }
-
-    /// The scene with `colour` as this share of the colours of some Gaussians, in every direction.
-    ///
-    /// # Panics
-    /// If the length of `which` is not the number of Gaussians.
-    pub fn tinted(mut self, which: &[bool], colour: [f32; 3], share: f32) -> Self {
-        assert_eq!(which.len(), self.len(), "it is said for every Gaussian");
-        let stride = sh_coefficients(self.sh_degree);
-        self.sh.par_chunks_exact_mut(stride).zip(which).filter(|(_, is_tinted)| **is_tinted).for_each(|(sh, _)| {
-            sh.iter_mut().flatten().for_each(|value| *value *= 1.0 - share);
-            // A colour is 0.5 and the sum of the harmonics.
-            for (value, colour) in sh[0].iter_mut().zip(colour) {
-                *value += share * (colour - 0.5) / C0 as f32;
-            }
-        });
-        self
     }
 
     /// Removes the spherical harmonics above this degree.

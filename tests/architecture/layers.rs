@@ -57,6 +57,7 @@ const RENDER_ROOMS: [(&str, &str); 25] = [
     ("fast", "shaders capacity scene frame constants portable"),
     ("fast_rays", "shaders scene frame rays fast"),
     ("inspect", "shaders scene frame constants portable rays"),
+    ("marks", "shaders scene frame"),
     ("prune", "shaders readback capacity scene frame constants portable"),
     ("pages", "shaders scene frame fast inspect"),
     ("lod", "shaders scene frame constants fast inspect pages"),

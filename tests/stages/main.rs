@@ -11,6 +11,7 @@ mod fast_lists;
 mod fast_path;
 mod fast_rays;
 mod harness;
+mod marks;
 mod pack;
 mod portable;
 mod portable_frame;

@@ -6,10 +6,9 @@ use smalto::camera::Camera;
 use smalto::formats::SceneFile;
 use smalto::pixels::Pixels;
 use smalto::reference;
+use smalto::render::{Outline, SelectionMode};
 use smalto::scene::Gaussians;
-use smalto::viewer::{
-    Change, CompareTarget, Counts, Offscreen, Outline, Property, Selection, SelectionMode, Setup, Tab, Tool,
-};
+use smalto::viewer::{Change, CompareTarget, Counts, Offscreen, Property, Selection, Setup, Tab, Tool};
 
 use super::frames::setup;
 use super::interaction::{frame, key};
@@ -27,7 +26,8 @@ fn editing(gpu: &Gpu, scenes: &[&str]) -> Offscreen {
 
 /// The Gaussians that are drawn.
 fn gaussians(offscreen: &Offscreen) -> Gaussians {
-    offscreen.session.pair.first.as_ref().unwrap().gaussians.as_deref().unwrap().clone()
+    let edited = offscreen.session.pair.first.as_ref().unwrap().plan.edited();
+    Gaussians::clone(&*edited.unwrap())
 }
 
 /// Moves along these places with the left button held.
@@ -98,6 +98,8 @@ fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
     let selected = seen(&all, &view, &left);
     assert_eq!(of(&mut offscreen).selected, selected.len());
     assert!(selected.len() < either.len());
+    let generation = |offscreen: &Offscreen| offscreen.session.pair.first.as_ref().unwrap().generation;
+    let made = generation(&offscreen);
     press(&mut offscreen, Key::Delete, Modifiers::NONE);
     assert_eq!(of(&mut offscreen), Counts { selected: 0, hidden: 0, deleted: selected.len() });
     let kept: Vec<u32> = (0..all.len() as u32).filter(|i| selected.binary_search(i).is_err()).collect();
@@ -127,6 +129,86 @@ fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
     assert!(drawn(&offscreen) == first, "every bit of the first picture");
     press(&mut offscreen, Key::Y, Modifiers::COMMAND);
     assert_eq!(of(&mut offscreen).selected, inside.len());
+    assert_eq!(generation(&offscreen), made, "nothing is brought to the GPU again");
+}
+
+/// Tools select while they are dragged, and go back where the drag is cancelled. Nothing is uploaded again.
+#[test]
+fn tools_select_while_they_are_dragged() {
+    let gpu = Gpu::new();
+    let mut offscreen = editing(&gpu, &["cactus:2000", "few-large:40"]);
+    let generation = |offscreen: &Offscreen| offscreen.session.pair.first.as_ref().unwrap().generation;
+    let (first, before) = (generation(&offscreen), drawn(&offscreen));
+    let counts = |offscreen: &mut Offscreen| {
+        offscreen.settle().unwrap();
+        offscreen.viewer().scenes.edit_counts()
+    };
+    let at = |place: [f32; 2]| pos2(place[0], place[1]);
+    let button = |place: [f32; 2], pressed| Event::PointerButton {
+        pos: at(place),
+        button: PointerButton::Primary,
+        pressed,
+        modifiers: Modifiers::NONE,
+    };
+    for tool in [Tool::Rectangle, Tool::Lasso, Tool::Brush, Tool::Ball] {
+        offscreen.viewer().editing.tool = tool;
+        let way = [[120.0, 100.0], [150.0, 150.0], [190.0, 150.0], [200.0, 110.0]];
+        frame(&mut offscreen, vec![Event::PointerMoved(at(way[0])), button(way[0], true)]);
+        let mut seen = Vec::new();
+        for place in &way[1..] {
+            frame(&mut offscreen, vec![Event::PointerMoved(at(*place))]);
+            seen.push(offscreen.viewer().scenes.edit_counts().selected);
+        }
+        assert!(seen[2] > seen[0] && seen[2] > 0, "{tool:?}: {seen:?}");
+        assert!(drawn(&offscreen) != before, "{tool:?}: the selection is seen in the frame of the drag");
+        frame(&mut offscreen, vec![key(Key::Escape, Modifiers::NONE)]);
+        frame(&mut offscreen, vec![button(way[3], false)]);
+        assert_eq!(counts(&mut offscreen), Counts::default(), "{tool:?} is cancelled");
+        stroke(&mut offscreen, &way, Modifiers::NONE);
+        let selected = counts(&mut offscreen).selected;
+        assert_eq!(selected, seen[2], "{tool:?}: the same at once");
+        assert!(drawn(&offscreen) != before);
+        press(&mut offscreen, Key::Z, Modifiers::COMMAND);
+        assert_eq!(counts(&mut offscreen), Counts::default(), "{tool:?}: one step");
+        assert!(drawn(&offscreen) == before);
+    }
+    let view = offscreen.viewer().view.camera();
+    let all = gaussians(&offscreen);
+    // A polygon is closed by its first corner.
+    offscreen.viewer().editing.tool = Tool::Polygon;
+    let corners = [[100.0, 60.0], [220.0, 70.0], [200.0, 200.0]];
+    for place in corners.into_iter().chain([[102.0, 61.0]]) {
+        stroke(&mut offscreen, &[place, place], Modifiers::NONE);
+    }
+    let polygon = Outline::Lasso(corners.map(|corner: [f32; 2]| DVec2::from(corner.map(f64::from))).to_vec());
+    let inside = seen(&all, &view, &|place| polygon.contains(place)).len();
+    assert!(inside > 20 && counts(&mut offscreen).selected == inside, "{inside}");
+    // A face of the box follows the pointer.
+    let viewer = offscreen.viewer();
+    viewer.editing.tool = Tool::Box;
+    let corners = [DVec3::new(-0.6, -1.5, -0.6), DVec3::new(0.6, 0.2, 0.6)];
+    viewer.editing.bounds = Some(corners);
+    let (from, _) = view.projected(DVec3::new(0.6, -0.65, 0.0)).unwrap();
+    let (to, _) = view.projected(DVec3::new(0.9, -0.65, 0.0)).unwrap();
+    stroke(&mut offscreen, &[from.as_vec2().to_array(), to.as_vec2().to_array()], Modifiers::NONE);
+    let [low, high] = offscreen.viewer().editing.bounds.unwrap();
+    assert!((high.x - 0.9).abs() < 0.02 && low == corners[0] && high.y == corners[1].y, "{high}");
+    let place = |i: &usize| DVec3::from(all.means()[*i].map(f64::from));
+    let in_box = (0..all.len()).filter(|i| place(i).cmpge(low).all() && place(i).cmple(high).all()).count();
+    assert!(in_box > 20 && counts(&mut offscreen).selected == in_box, "{in_box}");
+    // The colour of the Gaussian that has the largest part of a pixel.
+    offscreen.viewer().editing.tool = Tool::Colour;
+    let explanation = offscreen.session.pair.first.as_mut().unwrap().renderer.explain([150, 120]).unwrap();
+    let most = explanation.splats.iter().max_by(|a, b| a.share.total_cmp(&b.share)).unwrap().gaussian as usize;
+    stroke(&mut offscreen, &[[150.5, 120.5], [150.5, 120.5]], Modifiers::NONE);
+    let colour = |i: usize| all.sh(i)[0].map(|value| (0.5 + 0.2820948 * value).max(0.0));
+    let is_alike = |i: &usize| {
+        let apart = colour(*i).iter().zip(colour(most)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        apart <= offscreen.session.viewer.editing.range[1]
+    };
+    let alike = (0..all.len()).filter(is_alike).count();
+    assert!(alike > 5 && counts(&mut offscreen).selected.abs_diff(alike) <= 1, "{alike}");
+    assert_eq!(generation(&offscreen), first, "nothing is brought to the GPU again");
 }
 
 /// What hides behind others or is too faint is left out, also where some Gaussians are hidden and a scene is moved.
@@ -173,11 +255,14 @@ fn gaussians_are_selected_by_place_and_value() {
     let gpu = Gpu::new();
     let mut offscreen = editing(&gpu, &["cactus:2000"]);
     let all = gaussians(&offscreen);
-    let selected = |offscreen: &mut Offscreen| offscreen.viewer().scenes.edit_counts().selected;
+    let selected = |offscreen: &mut Offscreen| {
+        offscreen.settle().unwrap();
+        offscreen.viewer().scenes.edit_counts().selected
+    };
     for (property, range) in
         [(Property::Opacity, 0.0..=0.5), (Property::Scale, 0.05..=9.0), (Property::Anisotropy, 2.0..=5.0)]
     {
-        let expected = (0..all.len()).filter(|i| range.contains(&property.value(&all, *i, 0.0))).count();
+        let expected = (0..all.len()).filter(|i| range.contains(&property.value(&all, *i))).count();
         offscreen.viewer().select(&Selection::Values(property, range.clone()), SelectionMode::Replace);
         assert_eq!(selected(&mut offscreen), expected, "{property:?}");
     }
@@ -191,7 +276,8 @@ fn gaussians_are_selected_by_place_and_value() {
     offscreen.viewer().change(Change::Crop);
     offscreen.viewer().change(Change::Hide);
     offscreen.settle().unwrap();
-    assert!(offscreen.session.pair.first.is_none(), "nothing is drawn");
+    let why = offscreen.session.viewer.why_nothing_is_seen(&offscreen.session.pair);
+    assert!(why.is_some_and(|why| why.starts_with("no Gaussian is left")), "nothing is drawn");
     press(&mut offscreen, Key::B, Modifiers::SHIFT);
     assert_eq!(gaussians(&offscreen).len(), in_box);
     offscreen.viewer().change(Change::SelectNone);
@@ -316,7 +402,8 @@ fn a_project_brings_everything_back() {
     viewer.options.stop = 0.01;
     viewer.view.background = smalto::rules::Background::Colour([0.25, 0.5, 0.75]);
     viewer.select(&Selection::Values(Property::Opacity, 0.0..=0.6), SelectionMode::Replace);
-    viewer.change(Change::Delete);
+    offscreen.settle().unwrap();
+    offscreen.viewer().change(Change::Delete);
     offscreen.settle().unwrap();
     let file = folder.path().join("two");
     offscreen.viewer().save_project(&file);

@@ -7,8 +7,11 @@ use egui::{Event, Key, Modifiers, PointerButton, Pos2, pos2, vec2};
 use glam::DVec2;
 use smalto::camera::{Camera, Navigator};
 use smalto::pixels::{Alpha, Pixels};
+use smalto::render::SelectionMode;
 use smalto::rules::Background;
-use smalto::viewer::{CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup, view_mode};
+use smalto::viewer::{
+    CompareMode, CompareTarget, CompareWith, Offscreen, Property, Request, Selection, Setup, view_mode,
+};
 
 use super::frames::{SIZE, open, setup, shown};
 use crate::common::Gpu;
@@ -145,6 +148,17 @@ fn changes_are_undone_and_made_again() {
     assert!(offscreen.viewer().film.timeline.keys().is_empty(), "a key is a change");
 }
 
+fn hide_some(offscreen: &mut Offscreen) {
+    let faint = Selection::Values(Property::Opacity, 0.0..=0.7);
+    offscreen.viewer().select(&faint, SelectionMode::Replace);
+    offscreen.settle().unwrap();
+    // A selection alone changes nothing that is compared.
+    assert_eq!(offscreen.session.viewer.mismatch(&offscreen.session.pair), None);
+    offscreen.viewer().change(smalto::viewer::Change::Hide);
+    // The note lies over the picture.
+    offscreen.viewer().messages = Default::default();
+}
+
 /// What is shown, named, measured and read under the cursor of a second picture asks what it was drawn of.
 #[test]
 fn a_second_picture_of_something_else_is_not_shown_named_or_measured() {
@@ -163,7 +177,7 @@ fn a_second_picture_of_something_else_is_not_shown_named_or_measured() {
     let pose = offscreen.viewer().view.navigator.clone();
     let [near, stop] = [offscreen.viewer().options.rules.near, offscreen.viewer().options.stop];
     type Change = (&'static str, fn(&mut Offscreen), Option<&'static str>);
-    let changes: [Change; 6] = [
+    let changes: [Change; 7] = [
         ("turn", |of| of.viewer().view.navigator.orbit(DVec2::new(30.0, 0.0), SIZE), Some("another view")),
         (
             "place",
@@ -173,6 +187,7 @@ fn a_second_picture_of_something_else_is_not_shown_named_or_measured() {
         ("near", |of| of.viewer().options.rules.near = 6.0, Some("other rules")),
         ("hide", |of| of.viewer().scenes.layers[1].is_shown[0] = false, Some("other scenes or places")),
         ("background", |of| of.viewer().view.background = Background::Colour([1.0; 3]), Some("another background")),
+        ("edit", hide_some, Some("another edit")),
         // What trades accuracy is what one compares.
         ("knob", |of| of.viewer().options.stop = 0.01, None),
     ];
@@ -200,6 +215,7 @@ fn a_second_picture_of_something_else_is_not_shown_named_or_measured() {
         viewer.view.navigator = pose.clone();
         viewer.scenes.layers[0].placement.translation = [0.0; 3];
         viewer.scenes.layers[1].is_shown[0] = true;
+        viewer.change(smalto::viewer::Change::ShowHidden);
         viewer.view.background = Background::BLACK;
         (viewer.options.rules.near, viewer.options.stop) = (near, stop);
         // Until the scenes are on the GPU again, the picture is still the one of the change.

@@ -91,8 +91,19 @@ impl Pruner {
     /// # Panics
     /// If the options stop pixels early: the pruner measures exact pictures.
     pub fn new(device: &Device, gaussians: &Gaussians, statistics: &Statistics, options: &Options) -> Result<Self> {
+        Self::of(device, &GpuScene::with(device, gaussians, statistics, options)?, options)
+    }
+
+    /// Builds the pipelines for a scene on the device, of which the Gaussians that are marked as left out have no part.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    ///
+    /// # Panics
+    /// As [`new`](Self::new), and if the scene is in pages.
+    pub fn of(device: &Device, scene: &GpuScene, options: &Options) -> Result<Self> {
         assert!(options.stop == 0.0, "splats behind a stop have no share");
-        let scene = GpuScene::with(device, gaussians, statistics, options)?;
+        assert!(!scene.is_paged(), "the pruner draws whole scenes");
         let constants = shared(options, scene.layout(), device.capabilities().subgroup_size[1]);
         let contribute =
             |resume| Stage::new(device, &ContributeConstants { resume, ..ContributeConstants::of(&constants) });
@@ -112,7 +123,7 @@ impl Pruner {
             keep: Stage::new(device, &())?,
             contribute: [contribute(false)?, contribute(true)?],
             bound: [bound(false)?, bound(true)?],
-            scene,
+            scene: scene.clone(),
         };
         let mut cmd = Commands::new(device)?;
         cmd.fill(&pruner.kept, u32::MAX);

@@ -382,6 +382,12 @@ impl GpuScene {
         Self { len, nodes: len, memory: SceneMemory::Whole, ..self.clone() }
     }
 
+    /// The scene with other bounds of as many Gaussians.
+    pub(crate) fn with_bounds(&self, bounds: Buffer<[u32; 4]>) -> Self {
+        assert_eq!(bounds.len(), self.bounds.len(), "every Gaussian has bounds");
+        Self { bounds, ..self.clone() }
+    }
+
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

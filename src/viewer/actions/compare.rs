@@ -155,7 +155,7 @@ impl Viewer {
         let number = self.request_picture(None);
         self.jobs.start(
             move |_| {
-                let scene = plan.joined()?;
+                let scene = plan.edited()?;
                 Ok(crate::reference::render(&scene, &view, &rules, background).to_pixels())
             },
             move |pixels| JobEvent::Picture(number, "float64 reference".to_owned(), of, pixels),

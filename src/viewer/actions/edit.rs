@@ -7,124 +7,71 @@ use anyhow::{Context, Result, ensure};
 use glam::{DVec2, DVec3};
 
 use crate::formats::{SceneFile, WrittenFile, write_file};
-use crate::gpu::Device;
 use crate::pagefile::write;
 use crate::pagefile::write::Job;
+use crate::render::{Outline, SelectionMode};
 use crate::scene::{Gaussians, Scene};
 use crate::viewer::model::{
-    Change, Contributions, Counts, DrawnScene, Edit, EditResult, JobEvent, Layer, LoadedScene, MIN_VISIBLE, Outline,
-    Property, Reporter, Request, Selection, SelectionMode, Tool, ToolStroke, Viewer, needs_whole,
+    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, JobEvent, LoadedScene, Reporter, Request, Selecting,
+    Selection, Tool, ToolStroke, Viewer, needs_whole,
 };
 
+/// Distance in pixels within which a click closes a polygon.
+const CLOSE_PX: f64 = 8.0;
+
 impl Viewer {
-    /// True while jobs compute selections or the results of edits.
+    /// True while a job finds contributions for a selection.
     pub fn has_running_edits(&self) -> bool {
-        self.editing.running_selections > 0 || self.scenes.layers.iter().any(Layer::has_running_edit)
+        self.editing.finds_contributions
     }
 
-    /// Selects Gaussians of the shown scenes. If contributions are needed, a job computes them first.
+    /// Selects Gaussians of the shown scenes.
     pub fn select(&mut self, selection: &Selection, mode: SelectionMode) {
-        if self.editing.only_visible || matches!(selection, Selection::Values(Property::Contribution, _)) {
-            self.requests.push(Request::SelectByContributions(selection.clone(), mode, self.editing.only_visible));
-        } else {
-            self.select_of(selection, mode, None);
-        }
+        self.request_selection(selection.clone(), mode, false);
     }
 
-    /// Starts a job that computes the contributions to the view, for a selection.
-    pub fn start_selection(&mut self, selection: Selection, mode: SelectionMode, only_visible: bool, device: Device) {
-        let mut scenes = Vec::new();
-        for index in 0..self.scenes.layers.len() {
-            let Some((whole, edit)) = self.editable(index) else { continue };
-            let layer = &self.scenes.layers[index];
-            match layer.drawn_scene(0, false) {
-                Ok(Some(placed)) => {
-                    scenes.push(DrawnScene { number: layer.number, whole, drawn: edit.drawn(), placed })
-                }
-                Ok(None) => {}
-                Err(problem) => return self.messages.error(format!("{problem:#}")),
-            }
-        }
-        if scenes.is_empty() {
-            return;
-        }
-        let (options, view) = (self.options, self.view.camera());
-        self.editing.running_selections += 1;
-        let min = if only_visible { MIN_VISIBLE } else { 0.0 };
-        let work = move |_: &Reporter| Contributions::new(&device, scenes, &options, view, min);
-        self.jobs.start(work, move |found| JobEvent::Contributions(selection, mode, found));
+    /// Selects during a drag of a range, or at its end.
+    pub fn select_while_dragging(&mut self, selection: &Selection, goes_on: bool) {
+        self.request_selection(selection.clone(), SelectionMode::Replace, goes_on);
     }
 
-    /// Selects by contributions, or reports why they could not be computed.
-    pub fn handle_contributions(&mut self, selection: &Selection, mode: SelectionMode, found: Result<Contributions>) {
-        self.editing.running_selections -= 1;
+    fn request_selection(&mut self, selection: Selection, mode: SelectionMode, goes_on: bool) {
+        self.requests.push(Request::Select(Selecting { selection, mode, contributions: None, goes_on }));
+    }
+
+    /// Stores contributions, and goes on with the selection that waits for them.
+    pub fn handle_contributions(&mut self, waiting: Option<Selecting>, found: Result<Contributions>) {
+        self.editing.finds_contributions = false;
         match found {
-            Ok(found) => self.select_of(selection, mode, Some(&found)),
+            Ok(found) => {
+                let found = Arc::new(found);
+                self.editing.contributions = Some(found.clone());
+                self.requests.extend(
+                    waiting.map(|waiting| Request::Select(Selecting { contributions: Some(found), ..waiting })),
+                );
+            }
             Err(problem) => self.messages.error(format!("cannot find what is seen: {problem:#}")),
         }
     }
 
-    fn select_of(&mut self, selection: &Selection, mode: SelectionMode, contributions: Option<&Contributions>) {
-        let view = contributions.map_or_else(|| self.view.camera(), |found| found.view.clone());
-        let near = f64::from(self.options.rules.near);
-        for index in 0..self.scenes.layers.len() {
-            let Some((whole, before)) = self.editable(index) else { continue };
-            let known = match contributions.map(|found| found.of(self.scenes.layers[index].number, &whole)) {
-                // The layer was opened, shown or read again meanwhile.
-                Some(None) => continue,
-                known => known.flatten(),
-            };
-            let contribution = |i: usize| known.map_or(0.0, |known| known[i]);
-            let min = contributions.map_or(0.0, |found| found.min);
-            let is_visible = |i: usize| contribution(i) >= min;
-            let transform = match self.scenes.layers[index].placement.transform() {
-                Ok(transform) => transform,
-                Err(problem) => return self.messages.error(format!("{problem:#}")),
-            };
-            let world = |i: usize| transform.point(DVec3::from(whole.means()[i].map(f64::from)));
-            let edit = match selection {
-                Selection::Outline(outline) => {
-                    let [low, high] = outline.bounds();
-                    before.selecting(mode, |i| {
-                        let is_inside = |at: DVec2| at.cmpge(low).all() && at.cmple(high).all() && outline.contains(at);
-                        is_visible(i) && view.projected(world(i)).is_some_and(|(at, z)| z > near && is_inside(at))
-                    })
-                }
-                Selection::Ball(centre, radius) => {
-                    before.selecting(mode, |i| is_visible(i) && world(i).distance(*centre) <= *radius)
-                }
-                Selection::Box(low, high) => before.selecting(mode, |i| {
-                    let point = world(i);
-                    is_visible(i) && point.cmpge(*low).all() && point.cmple(*high).all()
-                }),
-                Selection::Values(property, range) => before
-                    .selecting(mode, |i| is_visible(i) && range.contains(&property.value(&whole, i, contribution(i)))),
-            };
-            self.set_edit(index, Some(Arc::new(edit)));
-        }
-        let Counts { selected, .. } = self.scenes.edit_counts();
-        self.messages.note(format!("{} Gaussians are selected", indicatif::HumanCount(selected as u64)));
-    }
-
-    /// Changes the flags of the Gaussians of all shown scenes.
+    /// Changes the sets of the Gaussians of all shown scenes.
     pub fn change(&mut self, change: Change) {
         for index in 0..self.scenes.layers.len() {
-            if let Some((_, before)) = self.editable(index) {
+            if let Some(before) = self.editable(index) {
                 self.set_edit(index, Some(Arc::new(before.changed(change))));
             }
         }
     }
 
-    /// The Gaussians of a scene that is shown and loaded, with its edit. A paged scene is refused with a message.
-    fn editable(&mut self, index: usize) -> Option<(Arc<Gaussians>, Edit)> {
+    /// The edit of a scene that is shown and loaded. A paged scene is refused with a message.
+    fn editable(&mut self, index: usize) -> Option<Edit> {
         let layer = &self.scenes.layers[index];
         if !layer.is_shown[0] || layer.progress.is_some() {
             return None;
         }
         match &layer.scene {
             Some(LoadedScene::Whole(whole)) => {
-                let edit = layer.edit.as_deref().cloned();
-                Some((whole.clone(), edit.unwrap_or_else(|| Edit::new(whole.len()))))
+                Some(layer.edit.as_deref().cloned().unwrap_or_else(|| Edit::new(whole.len())))
             }
             Some(LoadedScene::Paged(_)) => {
                 self.messages.error(needs_whole("a selection"));
@@ -134,8 +81,8 @@ impl Viewer {
         }
     }
 
-    /// Sets the edit of a layer, and starts a job that computes its result.
-    pub(super) fn set_edit(&mut self, index: usize, edit: Option<Arc<Edit>>) {
+    /// Sets the edit of a layer.
+    pub(in crate::viewer) fn set_edit(&mut self, index: usize, edit: Option<Arc<Edit>>) {
         let layer = &mut self.scenes.layers[index];
         let edit = edit.filter(|edit| edit.counts() != Counts::default());
         let is_same = match (&edit, &layer.edit) {
@@ -146,66 +93,132 @@ impl Viewer {
         if is_same {
             return;
         }
-        layer.edit.clone_from(&edit);
+        layer.edit = edit;
         self.pictures.are_stale = true;
         self.inspector.clear_explanation();
-        let Some(edit) = edit else {
-            layer.edit_result = None;
-            if std::mem::take(&mut layer.has_changed) {
-                layer.read(&self.jobs);
-            }
-            return;
-        };
-        let Some(LoadedScene::Whole(whole)) = layer.scene.clone() else { return };
-        let before = layer.edit_result.as_ref().map(|before| (before.edit.clone(), before.scene.clone()));
-        let number = layer.number;
-        self.jobs.start(
-            move |_: &Reporter| EditResult::new(edit, &whole, before),
-            move |result| JobEvent::Edited(number, result),
-        );
+        if layer.edit.is_none() && std::mem::take(&mut layer.has_changed) {
+            layer.read(&self.jobs);
+        }
     }
 
-    /// Stores the result of an edit, unless the layer has another edit by now.
-    pub fn handle_edit_result(&mut self, number: u64, result: Result<EditResult>) {
-        let Some(layer) = self.scenes.layer_mut(number) else { return };
-        match result {
-            Ok(result) if layer.edit.as_ref().is_some_and(|edit| Arc::ptr_eq(edit, &result.edit)) => {
-                layer.edit_result = Some(result);
-                self.pictures.are_stale = true;
+    /// Begins a stroke of a tool at a place in the picture, in pixels.
+    pub fn begin_stroke(&mut self, place: DVec2, mode: SelectionMode) {
+        if self.editing.tool == Tool::Polygon {
+            return self.add_corner(place, mode);
+        }
+        let before = self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect();
+        self.pointer.stroke = Some(ToolStroke { points: vec![place], mode, before, painted: 0 });
+    }
+
+    /// Adds a corner to the polygon, or closes it and selects what it holds.
+    fn add_corner(&mut self, place: DVec2, mode: SelectionMode) {
+        let corners = &mut self.editing.polygon;
+        let closes = |corner: Option<&DVec2>| corner.is_some_and(|corner| corner.distance(place) <= CLOSE_PX);
+        if corners.len() < 3 || !(closes(corners.first()) || closes(corners.last())) {
+            return corners.push(place);
+        }
+        let corners = std::mem::take(corners);
+        self.request_selection(Selection::Outline(Outline::Lasso(corners)), mode, false);
+    }
+
+    /// Selects what the stroke under way holds so far. `goes_on` is false at its end.
+    pub fn apply_stroke(&mut self, goes_on: bool) {
+        // Before the contributions are known, only the whole stroke selects.
+        if goes_on && self.editing.only_visible {
+            return;
+        }
+        let Some(stroke) = &mut self.pointer.stroke else { return };
+        let (mut mode, points) = (stroke.mode, &stroke.points);
+        let (Some(first), Some(last)) = (points.first().copied(), points.last().copied()) else { return };
+        let outline = match self.editing.tool {
+            Tool::Rectangle => Outline::Rectangle(first, last),
+            Tool::Lasso => Outline::Lasso(points.clone()),
+            Tool::Brush => {
+                // What is painted stays, so only the new part selects.
+                let (begin, radius) = (stroke.painted.saturating_sub(1), self.editing.brush_px);
+                let way = points[begin..].to_vec();
+                if stroke.painted > 0 && mode == SelectionMode::Replace {
+                    mode = SelectionMode::Add;
+                }
+                if !self.editing.only_visible {
+                    stroke.painted = points.len();
+                }
+                return self.request_selection(Selection::Outline(Outline::Brush(way, radius)), mode, goes_on);
             }
-            Ok(_) => {}
-            Err(problem) => {
-                // The picture shows the result of the edit before.
-                layer.edit = layer.edit_result.as_ref().map(|result| result.edit.clone());
-                self.messages.error(format!("the edit is taken back: {problem:#}"));
+            Tool::Ball => {
+                let pixel = first.to_array().map(|side| side.max(0.0) as u32);
+                let radius_px = first.distance(last);
+                self.restore_stroke();
+                return self.requests.push(Request::SelectBall { pixel, radius_px, mode, goes_on });
+            }
+            Tool::Colour if goes_on => return,
+            Tool::Colour => {
+                let pixel = last.to_array().map(|side| side.max(0.0) as u32);
+                return self.requests.push(Request::SelectColour(pixel, mode));
+            }
+            Tool::Look | Tool::Place | Tool::Polygon | Tool::Box => return,
+        };
+        self.restore_stroke();
+        self.request_selection(Selection::Outline(outline), mode, goes_on);
+    }
+
+    /// Goes back to the edits before the stroke under way.
+    fn restore_stroke(&mut self) {
+        let Some(stroke) = &self.pointer.stroke else { return };
+        for (number, edit) in stroke.before.clone() {
+            if let Some(index) = self.scenes.index_of(number) {
+                self.set_edit(index, edit);
             }
         }
     }
 
-    /// Ends the stroke of a tool, and selects.
+    /// Ends the stroke of a tool.
     pub fn end_stroke(&mut self) {
-        let Some(ToolStroke { points, mode }) = self.pointer.stroke.take() else { return };
-        let (Some(first), Some(last)) = (points.first().copied(), points.last().copied()) else { return };
-        let outline = match self.editing.tool {
-            Tool::Rectangle => Outline::Rectangle(first, last),
-            Tool::Lasso => Outline::Lasso(points),
-            Tool::Brush => Outline::Brush(points, self.editing.brush_px),
-            Tool::Ball => {
-                let pixel = first.to_array().map(|side| side.max(0.0) as u32);
-                return self.requests.push(Request::SelectBall { pixel, radius_px: first.distance(last), mode });
-            }
-            Tool::Look | Tool::Place => return,
-        };
-        self.select(&Selection::Outline(outline), mode);
+        self.apply_stroke(false);
+        self.pointer.stroke = None;
+    }
+
+    /// Ends a drag, a stroke or a polygon without an effect.
+    pub fn cancel_stroke(&mut self) {
+        self.restore_stroke();
+        self.editing.polygon.clear();
+        self.pointer.cancel();
     }
 
     /// Selects the centres in a ball around the point at a pixel. `depth` is its view z in world units; the radius has
     /// this number of pixels there.
-    pub fn select_ball(&mut self, pixel: [u32; 2], radius_px: f64, depth: Option<f32>, mode: SelectionMode) {
+    pub fn select_ball(
+        &mut self,
+        (pixel, depth): ([u32; 2], Option<f32>),
+        radius_px: f64,
+        mode: SelectionMode,
+        goes_on: bool,
+    ) {
         let Some(depth) = depth.map(f64::from) else { return self.messages.note("there is nothing at this pixel") };
         let view = self.view.camera();
         let centre = view.unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth);
-        self.select(&Selection::Ball(centre, radius_px * view.pixel_world(depth)), mode);
+        self.request_selection(Selection::Ball(centre, radius_px * view.pixel_world(depth)), mode, goes_on);
+    }
+
+    /// The box that selects: around the pivot, before it is moved.
+    pub fn bounds(&self) -> [DVec3; 2] {
+        let around = DVec3::splat(0.5 * self.view.navigator.radius());
+        let pivot = self.view.navigator.pivot();
+        self.editing.bounds.unwrap_or([pivot - around, pivot + around])
+    }
+
+    /// The drag of the face of the box at a position in the picture, in pixels; `points` is the number of pixels per
+    /// point.
+    pub fn face_at(&self, place: DVec2, points: f64) -> Option<DragMotion> {
+        let (axis, is_greater) = BoxHandles::new(&self.view.camera(), self.bounds()).at(place, points)?;
+        Some(DragMotion::Face(axis, is_greater))
+    }
+
+    /// Drags a face of the box from one position in the picture to another, in pixels, and selects what is inside.
+    pub fn drag_face(&mut self, face: (usize, bool), from: DVec2, to: DVec2) {
+        let corners = BoxHandles::new(&self.view.camera(), self.bounds()).dragged(face, from, to);
+        self.editing.bounds = Some(corners);
+        self.request_selection(Selection::Box(corners[0], corners[1]), SelectionMode::Replace, true);
     }
 
     /// Starts to write the shown scenes into one file: placed, without deleted Gaussians.

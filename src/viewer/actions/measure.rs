@@ -1,16 +1,15 @@
 //! Actions that measure: costs of knobs, options within an error budget, cameras against their photographs.
 
-use std::sync::Arc;
-
 use anyhow::{Result, ensure};
 
 use crate::camera::{Camera, NamedCamera};
 use crate::gpu::Device;
 use crate::measure::trade::{Budget, choose_for, spread};
-use crate::packing::Statistics;
-use crate::scene::{Cancelled, Gaussians};
+use crate::scene::Cancelled;
 use crate::viewer::jobs::{Cancel, costs};
-use crate::viewer::model::{Evaluation, JobEvent, PosedPhotograph, Purpose, Reporter, Reusable, Side, Viewer};
+use crate::viewer::model::{
+    Evaluation, JobEvent, MeasuredScene, PosedPhotograph, Purpose, Reporter, Reusable, Side, Viewer,
+};
 
 /// Cameras of the file, besides the current view, for which a budget must hold.
 const BUDGET_CAMERAS: usize = 7;
@@ -27,18 +26,19 @@ fn reported(done: f64, reporter: &Reporter, cancel: &Cancel) -> Result<()> {
 
 impl Viewer {
     /// Starts to measure the costs of knobs in the current view.
-    pub fn start_measuring(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Statistics>)) {
+    pub fn start_measuring(&mut self, device: Device, scene: MeasuredScene) {
         let (options, view, background) = (self.options, self.view.camera(), self.view.background);
         let cancel = self.measuring.begin(Purpose::Costs, self.picture_content());
         let work = move |reporter: &Reporter| {
             let progress = |done| reported(done, reporter, &cancel);
+            let scene = scene.resolved()?;
             costs(&device, (&scene.0, &scene.1), &options, &view, background, &progress)
         };
         self.jobs.start(work, JobEvent::Measured);
     }
 
     /// Starts to choose the fastest options within the budget.
-    pub fn start_choosing(&mut self, device: Device, scene: (Arc<Gaussians>, Arc<Statistics>)) {
+    pub fn start_choosing(&mut self, device: Device, scene: MeasuredScene) {
         let budget = match self.measuring.budget.is_psnr {
             true => Budget::MinPsnr(self.measuring.budget.min_psnr),
             false => Budget::MaxError(self.measuring.budget.max_error),
@@ -49,6 +49,7 @@ impl Viewer {
         let cancel = self.measuring.begin(Purpose::Choice, self.picture_content());
         let work = move |reporter: &Reporter| {
             let progress = |done| reported(done, reporter, &cancel);
+            let scene = scene.resolved()?;
             let choice = choose_for(&device, (&scene.0, &scene.1), exact, &views, budget, &progress)?;
             Ok((choice.options, choice.explain()))
         };

@@ -168,7 +168,7 @@ impl Viewer {
     pub fn close(&mut self, number: u64) {
         let Some(index) = self.scenes.index_of(number) else { return };
         let layer = self.scenes.layers.remove(index);
-        for scene in layer.scene.iter().chain(layer.edit_result.as_ref().map(|result| &result.scene)) {
+        if let Some(scene) = &layer.scene {
             let measured = self.measuring.costs.iter_mut().filter_map(|(_, content)| content.as_mut());
             measured.for_each(|content| content.forget(scene));
             if let Some(SecondPicture { of: PictureOf::Content(content), .. }) = &mut self.comparison.picture {

@@ -31,7 +31,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
             }
         }
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),
-        JobEvent::Contributions(selection, mode, found) => viewer.handle_contributions(&selection, mode, found),
+        JobEvent::Contributions(selection, found) => viewer.handle_contributions(selection, found),
         JobEvent::Changed(number, changed) => viewer.handle_change(number, changed),
         JobEvent::Cameras(path, origin, cameras) => viewer.handle_cameras(&path, origin, cameras),
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),
@@ -54,7 +54,6 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                 }
             }
         }
-        JobEvent::Edited(number, result) => viewer.handle_edit_result(number, result),
         JobEvent::Photographs(photographs) => viewer.handle_photographs(photographs),
         JobEvent::Thumbnail(camera, thumbnail) => drop(viewer.cameras.thumbnails.insert(camera, thumbnail.ok())),
         JobEvent::Evaluated(evaluation) => {
@@ -181,7 +180,7 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
             }
             continue;
         };
-        let is_current = current.is_some_and(|drawn| drawn.plan.is_same(&planned));
+        let is_current = current.is_some_and(|drawn| drawn.suits(&planned));
         let is_refused = viewer.pictures.refused[i].as_ref().is_some_and(|refused| refused.is_same(&planned));
         if is_current || is_refused || viewer.pictures.are_building[i] {
             continue;

@@ -34,13 +34,12 @@ impl Session {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
                     self.viewer.mark(pixel, depth);
                 }
-                Request::SelectBall { pixel, radius_px, mode } => {
+                Request::Select(selecting) => later.extend(self.select(selecting)?.map(Request::Select)),
+                Request::SelectBall { pixel, radius_px, mode, goes_on } => {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
-                    self.viewer.select_ball(pixel, radius_px, depth, mode);
+                    self.viewer.select_ball((pixel, depth), radius_px, mode, goes_on);
                 }
-                Request::SelectByContributions(selection, mode, only_visible) => {
-                    self.viewer.start_selection(selection, mode, only_visible, self.screen.device().clone());
-                }
+                Request::SelectColour(pixel, mode) => self.select_colour(pixel, mode)?,
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
                 Request::CopyPicture => {
@@ -55,11 +54,11 @@ impl Session {
                 Request::Evaluate => self.viewer.start_evaluation(self.screen.device().clone(), reusable(&self.pair)),
                 request @ (Request::Measure | Request::Choose) => {
                     let Some(first) = &self.pair.first else { continue };
-                    let Some(gaussians) = first.gaussians.clone() else {
+                    let Some(scene) = first.measured() else {
                         self.viewer.messages.error(needs_whole("this measurement"));
                         continue;
                     };
-                    let (device, scene) = (self.screen.device().clone(), (gaussians, first.statistics.clone()));
+                    let device = self.screen.device().clone();
                     match request {
                         Request::Measure => self.viewer.start_measuring(device, scene),
                         _ => self.viewer.start_choosing(device, scene),

@@ -7,9 +7,11 @@ use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
 use super::job_events;
 use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
-use crate::render::{Compare, Inspection, Quantity};
+use crate::render::{Compare, Inspection, Marker, Quantity};
 use crate::rules::Response;
-use crate::viewer::model::{CompareTarget, Event, InspectionSettings, Pair, Side, Viewer, WindowRequest, needs_whole};
+use crate::viewer::model::{
+    CompareTarget, Counts, Event, InspectionSettings, Pair, Side, Viewer, WindowRequest, needs_whole,
+};
 use crate::viewer::panels;
 
 /// The interval at which the shaders that are compiled at run time are checked for changes.
@@ -36,6 +38,10 @@ pub struct Session {
     reported: InspectionSettings,
     /// Notices about the paths that were reported.
     reported_notices: Vec<String>,
+    /// Marks Gaussians on the device, once an edit needs it.
+    pub(super) marker: Option<Marker>,
+    /// The numbers in the last event about edits.
+    pub(super) reported_edits: Counts,
     /// The last event about pages: true if no page was loading, and true if no page was missing.
     pub(crate) reported_pages: Option<(bool, bool)>,
 }
@@ -68,6 +74,8 @@ impl Session {
             reported: InspectionSettings::default(),
             reported_notices: Vec::new(),
             reported_pages: None,
+            marker: None,
+            reported_edits: Counts::default(),
             viewer,
             pair: Pair::default(),
             screen,
@@ -87,6 +95,9 @@ impl Session {
     /// Replaces a screen whose device was lost. The pictures are built again.
     pub fn replace_screen(&mut self, screen: Screen) {
         self.pair = Pair::default();
+        self.marker = None;
+        let editing = &mut self.viewer.editing;
+        (editing.values, editing.contributions, editing.finds_contributions) = (None, None, false);
         self.screen = screen;
         self.reset_font_atlas();
         self.viewer.pictures.are_building = [false; 2];
@@ -206,6 +217,8 @@ impl Session {
         let device = self.screen.device();
         job_events::build(&mut self.viewer, &mut self.pair, device);
         job_events::fit_picture(&mut self.viewer, &mut self.pair, device)?;
+        self.apply_edits(None)?;
+        self.prepare_values()?;
         self.apply_inspection()?;
         self.viewer.pictures.are_stale |= self.has_wrong_size();
         let draws = self.viewer.pictures.are_stale;

@@ -4,14 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::loaded_scene::{LoadedScene, are_same};
+use super::loaded_scene::{DrawnScene, LoadedScene, are_same, draw_same};
 use super::snapshot::{Area, PairDifference};
 use crate::camera::Camera;
 use crate::options::Options;
 use crate::pixels::Pixels;
 use crate::render::Compare;
 use crate::rules::{Background, Rules};
-use crate::scene::Transform;
 
 /// The target of the comparison.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -93,8 +92,7 @@ pub enum PictureOf {
 #[derive(Clone)]
 pub struct PictureContent {
     pub view: Camera,
-    /// The scenes with their transforms.
-    pub scenes: Vec<(LoadedScene, Transform)>,
+    pub scenes: Vec<DrawnScene>,
     pub rules: Rules,
     pub background: Background,
 }
@@ -105,6 +103,7 @@ impl PictureContent {
         let Self { view, scenes, rules, background } = self;
         match () {
             () if !are_same(scenes, &other.scenes) => Some("other scenes or places"),
+            () if !draw_same(scenes, &other.scenes) => Some("another edit"),
             () if *view != other.view => Some("another view"),
             () if *rules != other.rules => Some("other rules"),
             () if background.colour() != other.background.colour() => Some("another background"),
@@ -114,7 +113,7 @@ impl PictureContent {
 
     /// Frees a scene that was closed. The content then differs from every later one.
     pub fn forget(&mut self, closed: &LoadedScene) {
-        if self.scenes.iter().any(|(scene, _)| scene.is_same(closed)) {
+        if self.scenes.iter().any(|drawn| drawn.scene.is_same(closed)) {
             self.scenes.clear();
         }
     }

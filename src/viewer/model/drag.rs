@@ -1,9 +1,12 @@
 //! The pointer over the picture: drags, strokes of tools, and handles.
 
+use std::sync::Arc;
+
 use egui::{PointerButton, Pos2};
 use glam::DVec2;
 
-use super::edit::SelectionMode;
+use super::edit::Edit;
+use crate::render::SelectionMode;
 
 /// The pointer over the picture.
 #[derive(Default)]
@@ -53,6 +56,8 @@ pub enum DragMotion {
     Stroke,
     /// A handle of the layer with this number.
     Handle(u64, Handle),
+    /// A face of the box that selects: its axis of the world, and true for the greater coordinate.
+    Face(usize, bool),
 }
 
 /// The tool of the left button over the picture.
@@ -63,28 +68,46 @@ pub enum Tool {
     Look,
     Rectangle,
     Lasso,
+    /// Each click adds a corner.
+    Polygon,
     Brush,
     Ball,
+    /// A box of the world, with handles.
+    Box,
+    /// Picks the colour of a Gaussian.
+    Colour,
     /// Moves the handles of a scene.
     Place,
 }
 
 impl Tool {
     /// Every tool with its name and a help text.
-    pub const ALL: [(Self, &str, &str); 6] = [
+    pub const ALL: [(Self, &str, &str); 9] = [
         (Self::Look, "View", "The left button turns the view"),
         (Self::Rectangle, "Rectangle", "Drag over the centres to select, through all of the scene"),
         (Self::Lasso, "Lasso", "Drag around the centres to select, through all of the scene"),
+        (
+            Self::Polygon,
+            "Polygon",
+            "Click the corners around the centres to select; a click on the first or the last corner closes it",
+        ),
         (Self::Brush, "Brush", "Paint over the centres to select, through all of the scene"),
         (Self::Ball, "Ball", "Drag away from a point that is seen: all centres as near to it are selected"),
+        (Self::Box, "Box", "Drag the faces of the box: all centres in it are selected"),
+        (Self::Colour, "Colour", "Click a Gaussian: those of a similar colour are selected; the page sets how similar"),
         (Self::Place, "Place", "Drag the handles of a scene: arrows move it, rings turn it, the square scales it"),
     ];
 }
 
-/// A stroke of a tool, in pixels of the picture.
+/// A stroke of a tool.
 pub struct ToolStroke {
+    /// In pixels of the picture.
     pub points: Vec<DVec2>,
     pub mode: SelectionMode,
+    /// The edits of layers, by their numbers, before the stroke.
+    pub before: Vec<(u64, Option<Arc<Edit>>)>,
+    /// Number of points that the brush has painted.
+    pub painted: usize,
 }
 
 /// A handle of a scene, with its axis of the world: 0, 1 or 2.

@@ -1,6 +1,13 @@
 //! The state of editing: the tool and its settings, and undo.
 
+use std::sync::Arc;
+
+use glam::{DVec2, DVec3};
+
+use super::contributions::Contributions;
 use super::drag::Tool;
+use super::edit::Property;
+use super::property_values::PropertyValues;
 use super::undo::Undo;
 
 /// The state of editing.
@@ -11,10 +18,26 @@ pub struct Editing {
     pub placed_layer: Option<u64>,
     /// Radius of the brush in pixels.
     pub brush_px: f64,
+    /// The corners of a polygon that is being drawn, in pixels.
+    pub polygon: Vec<DVec2>,
+    /// The least and the greatest corner of the box that selects; `None` before it is first shown.
+    pub bounds: Option<[DVec3; 2]>,
+    /// The property by which the page selects.
+    pub property: Property,
+    /// The range of the property.
+    pub range: [f32; 2],
+    /// The last property of which values were computed.
+    pub values: Option<PropertyValues>,
+    /// True while a job computes values.
+    pub are_values_due: bool,
     /// Selections leave out Gaussians that contribute to no pixel.
     pub only_visible: bool,
-    /// Number of selections that jobs are computing.
-    pub running_selections: usize,
+    /// The last contributions that a job has found.
+    pub contributions: Option<Arc<Contributions>>,
+    /// True while a job finds contributions.
+    pub finds_contributions: bool,
+    /// The GPU time of the last selection in milliseconds.
+    pub selection_ms: Option<f64>,
     pub undo: Undo,
 }
 
@@ -24,8 +47,16 @@ impl Default for Editing {
             tool: Tool::Look,
             placed_layer: None,
             brush_px: 20.0,
+            polygon: Vec::new(),
+            bounds: None,
+            property: Property::Opacity,
+            range: [0.0, 0.05],
+            values: None,
+            are_values_due: false,
             only_visible: false,
-            running_selections: 0,
+            contributions: None,
+            finds_contributions: false,
+            selection_ms: None,
             undo: Undo::default(),
         }
     }

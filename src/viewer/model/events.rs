@@ -20,10 +20,16 @@ pub enum Event {
         ms: f64,
         is_whole: bool,
     },
-    /// All scenes are read, and this many Gaussians are drawn.
+    /// All scenes are read, and are drawn with this many Gaussians, hidden and deleted ones included.
     Scene {
         gaussians: usize,
         scenes: usize,
+    },
+    /// The numbers of Gaussians that are selected, hidden and deleted now.
+    Edited {
+        selected: usize,
+        hidden: usize,
+        deleted: usize,
     },
     /// A camera file with this many cameras was read.
     Cameras {

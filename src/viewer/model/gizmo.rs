@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec2, DVec3, EulerRot};
 
 use super::drag::Handle;
-use super::edit::from_segment;
 use super::layers::Placement;
 use crate::camera::Camera;
+use crate::render::from_segment;
 
 /// Length of an arrow, as a fraction of the shorter side of the picture.
 const LENGTH: f64 = 0.16;
@@ -113,6 +113,65 @@ impl Gizmo {
     }
 }
 
+/// Handles on the faces of a box of the world.
+pub struct BoxHandles {
+    view: Camera,
+    corners: [DVec3; 2],
+}
+
+impl BoxHandles {
+    /// The handles of a box with this least and this greatest corner.
+    pub fn new(view: &Camera, corners: [DVec3; 2]) -> Self {
+        Self { view: view.clone(), corners }
+    }
+
+    /// The centre of a face: its axis, and true for the greater coordinate.
+    pub fn face(&self, axis: usize, is_greater: bool) -> DVec3 {
+        let mut centre = (self.corners[0] + self.corners[1]) / 2.0;
+        centre[axis] = self.corners[usize::from(is_greater)][axis];
+        centre
+    }
+
+    /// The ends of the twelve edges.
+    pub fn edges(&self) -> impl Iterator<Item = [DVec3; 2]> {
+        let corner = |bits: usize| DVec3::from_array(std::array::from_fn(|axis| self.corners[bits >> axis & 1][axis]));
+        (0..8).flat_map(move |from: usize| {
+            let ends = (0..3).map(move |axis| from | 1 << axis).filter(move |to| *to != from);
+            ends.map(move |to| [corner(from), corner(to)])
+        })
+    }
+
+    /// The face whose handle is at a position in the picture, in pixels; `points` is the number of pixels per point.
+    pub fn at(&self, place: DVec2, points: f64) -> Option<(usize, bool)> {
+        let faces = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
+        let apart = |(axis, is_greater): &(usize, bool)| {
+            let (centre, _) = self.view.projected(self.face(*axis, *is_greater))?;
+            Some(centre.distance(place))
+        };
+        let near = faces.filter_map(|face| Some((face, apart(&face)?)));
+        let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        (nearest.1 <= GRIP * points).then_some(nearest.0)
+    }
+
+    /// The corners after a face was dragged from one position in the picture to another, in pixels. A face stops at
+    /// the opposite one.
+    pub fn dragged(&self, (axis, is_greater): (usize, bool), from: DVec2, to: DVec2) -> [DVec3; 2] {
+        let mut corners = self.corners;
+        let centre = self.face(axis, is_greater);
+        let Some((place, depth)) = self.view.projected(centre) else { return corners };
+        let length = LENGTH * f64::from(self.view.size_px[0].min(self.view.size_px[1])) * self.view.pixel_world(depth);
+        let Some((end, _)) = self.view.projected(centre + DVec3::AXES[axis] * length) else { return corners };
+        // An axis that points at the camera cannot be dragged along.
+        let along = (to - from).dot(end - place) / (end - place).length_squared().max(1.0);
+        let moved = centre[axis] + along * length;
+        corners[usize::from(is_greater)][axis] = match is_greater {
+            true => moved.max(corners[0][axis]),
+            false => moved.min(corners[1][axis]),
+        };
+        corners
+    }
+}
+
 /// The placement turned about the point `centre` by a rotation of the world.
 pub fn turned(place: Placement, centre: DVec3, turn: DQuat) -> Placement {
     let [y, x, z] = [1, 0, 2].map(|i| place.rotation[i].to_radians());
@@ -169,5 +228,25 @@ mod tests {
         let larger = gizmo.dragged(place, Handle::Scale, centre, centre + DVec2::new(SCALE_PX, 0.0)).unwrap();
         assert!((larger.scale - 1f64.exp()).abs() < 1e-9 && larger.translation == place.translation);
         assert!(Gizmo::new(&gizmo.view, gizmo.view.position - gizmo.view.forward()).is_none());
+    }
+
+    #[test]
+    fn faces_of_a_box_follow_the_pointer() {
+        let corners = [DVec3::new(0.0, -0.5, 0.1), DVec3::new(1.0, 0.3, 0.6)];
+        let view = Camera::looking_at(DVec3::new(3.0, -2.0, -4.0), DVec3::new(0.5, 0.0, 0.3), [400, 300], 1.0);
+        let handles = BoxHandles::new(&view, corners);
+        assert_eq!(handles.edges().count(), 12);
+        for (axis, is_greater) in (0..3).flat_map(|axis| [(axis, false), (axis, true)]) {
+            let (from, _) = view.projected(handles.face(axis, is_greater)).unwrap();
+            assert_eq!(handles.at(from, 1.0), Some((axis, is_greater)));
+            let (to, _) = view.projected(handles.face(axis, is_greater) + DVec3::AXES[axis] * 0.1).unwrap();
+            let moved = handles.dragged((axis, is_greater), from, to);
+            let by = moved[usize::from(is_greater)][axis] - corners[usize::from(is_greater)][axis];
+            assert!((by - 0.1).abs() < 0.01, "axis {axis}: {by}");
+            // A face does not pass the opposite one.
+            let far =
+                handles.dragged((axis, !is_greater), from, from + (to - from) * if is_greater { 99.0 } else { -99.0 });
+            assert_eq!(far[0][axis], far[1][axis]);
+        }
     }
 }

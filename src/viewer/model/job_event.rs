@@ -7,12 +7,11 @@ use anyhow::Result;
 
 use super::comparison::PictureOf;
 use super::contributions::Contributions;
-use super::edit::{Selection, SelectionMode};
-use super::edit_result::EditResult;
 use super::evaluation::Evaluation;
 use super::loaded_scene::OpenedScene;
 use super::photographs::Photographs;
 use super::plan::{Drawn, Side};
+use super::requests::Selecting;
 use super::snapshot::PairDifference;
 use crate::camera::CameraFile;
 use crate::options::Options;
@@ -44,8 +43,8 @@ pub enum JobEvent {
     Partial(u64, Arc<Gaussians>),
     /// Layer number, and the scene.
     Read(u64, Result<OpenedScene>),
-    /// Contributions to the view, for a selection.
-    Contributions(Selection, SelectionMode, Result<Contributions>),
+    /// Contributions to the view, for a selection if one waits for them.
+    Contributions(Option<Selecting>, Result<Contributions>),
     /// Number of a layer whose file has changed.
     Changed(u64, Result<()>),
     Cameras(PathBuf, Origin, Result<CameraFile>),
@@ -58,8 +57,6 @@ pub enum JobEvent {
     /// Camera index, and the thumbnail of its photograph.
     Thumbnail(usize, Result<Pixels>),
     Evaluated(Result<Evaluation>),
-    /// Layer number, and the result of its edit.
-    Edited(u64, Result<EditResult>),
     /// The measured difference of two pictures.
     Compared(Result<PairDifference>),
     /// The fraction of a measurement that is done, 0 to 1.

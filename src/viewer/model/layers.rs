@@ -7,9 +7,8 @@ use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
 use super::edit::Edit;
-use super::edit_result::EditResult;
 use super::job_event::{JobEvent, Jobs};
-use super::loaded_scene::{LoadedScene, OpenedScene};
+use super::loaded_scene::{DrawnScene, LoadedScene, OpenedScene};
 use crate::formats;
 use crate::formats::Reading;
 use crate::pagefile;
@@ -42,8 +41,6 @@ pub struct Layer {
     pub project_edit: Vec<(usize, u8)>,
     /// Bounds of the main content in the scene's own axes, once it is loaded.
     pub focus: Option<Focus>,
-    /// The result of the last edit that a job has computed.
-    pub edit_result: Option<EditResult>,
     /// By side: the picture includes this scene.
     pub is_shown: [bool; 2],
     /// The fraction read, 0 to 1; `None` once all is read.
@@ -118,7 +115,6 @@ impl Layer {
             edit: None,
             project_edit: Vec::new(),
             focus: None,
-            edit_result: None,
             is_shown: [true; 2],
             progress: None,
             is_loaded: false,
@@ -192,29 +188,17 @@ impl Layer {
         Some(Focus { centre, radius: focus.radius * transform.scale() })
     }
 
-    /// True while a job computes the result of the edit.
-    pub fn has_running_edit(&self) -> bool {
-        match (&self.edit, &self.edit_result) {
-            (None, None) => false,
-            (Some(edit), Some(result)) => !Arc::ptr_eq(edit, &result.edit),
-            _ => true,
-        }
-    }
-
-    /// The Gaussians and the transform that the picture of this side draws; `None` if it does not show the scene. With
-    /// `is_tinted`, selected Gaussians are tinted.
+    /// The scene that the picture of this side draws; `None` if it does not show the layer.
     ///
     /// # Errors
     /// The placement is not a valid transform.
-    pub fn drawn_scene(&self, side: usize, is_tinted: bool) -> Result<Option<(LoadedScene, Transform)>> {
-        let scene = match &self.edit_result {
-            Some(EditResult { tinted: Some(tinted), .. }) if is_tinted => Some(tinted),
-            Some(result) => Some(&result.scene),
-            None => self.scene.as_ref(),
-        };
-        let Some(scene) = scene.filter(|scene| self.is_shown[side] && scene.count() > 0) else { return Ok(None) };
+    pub fn drawn_scene(&self, side: usize) -> Result<Option<DrawnScene>> {
+        let scene = self.scene.as_ref().filter(|scene| self.is_shown[side] && scene.count() > 0);
+        let Some(scene) = scene.cloned() else { return Ok(None) };
         let transform = self.placement.transform().with_context(|| format!("{} cannot be placed there", self.name))?;
-        Ok(Some((scene.clone(), transform)))
+        // A scene that is read again may have another number of Gaussians; it is not edited then.
+        let edit = self.edit.clone().filter(|edit| edit.gaussians() == scene.count());
+        Ok(Some(DrawnScene { scene, transform, edit }))
     }
 }
 

@@ -2,6 +2,9 @@
 
 use std::sync::Arc;
 
+use anyhow::{Result, bail};
+
+use super::edit::Edit;
 use crate::pagefile::PageFile;
 use crate::scene::{Focus, Gaussians, Scene, Transform};
 
@@ -19,9 +22,48 @@ pub enum LoadedScene {
     Paged(Arc<PageFile>),
 }
 
-/// True if both lists contain the same scenes with the same transforms.
-pub fn are_same(scenes: &[(LoadedScene, Transform)], others: &[(LoadedScene, Transform)]) -> bool {
-    scenes.len() == others.len() && scenes.iter().zip(others).all(|(a, b)| a.0.is_same(&b.0) && a.1 == b.1)
+/// A scene as a picture draws it. A clone shares it.
+#[derive(Clone)]
+pub struct DrawnScene {
+    pub scene: LoadedScene,
+    pub transform: Transform,
+    /// The hidden and deleted Gaussians, which are not drawn, and the selected ones.
+    pub edit: Option<Arc<Edit>>,
+}
+
+/// True if both lists contain the same scenes with the same transforms, edited or not.
+pub fn are_same(scenes: &[DrawnScene], others: &[DrawnScene]) -> bool {
+    let is_same = |(a, b): (&DrawnScene, &DrawnScene)| a.scene.is_same(&b.scene) && a.transform == b.transform;
+    scenes.len() == others.len() && scenes.iter().zip(others).all(is_same)
+}
+
+/// True if pictures of both lists show the same Gaussians.
+pub fn draw_same(scenes: &[DrawnScene], others: &[DrawnScene]) -> bool {
+    let pairs = scenes.iter().map(|scene| &scene.edit).zip(others.iter().map(|scene| &scene.edit));
+    let leaves_out = |edit: &Option<Arc<Edit>>| edit.as_ref().is_some_and(|edit| edit.leaves_out());
+    let is_same = |(a, b): (&Option<Arc<Edit>>, &Option<Arc<Edit>>)| match (a, b) {
+        (Some(a), Some(b)) => Arc::ptr_eq(a, b) || a.draws_same(b),
+        (a, b) => !leaves_out(a) && !leaves_out(b),
+    };
+    are_same(scenes, others) && { pairs }.all(is_same)
+}
+
+impl DrawnScene {
+    /// All Gaussians, in the scene's own axes.
+    ///
+    /// # Errors
+    /// The scene is paged.
+    pub fn whole(&self) -> Result<Arc<Gaussians>> {
+        match &self.scene {
+            LoadedScene::Whole(gaussians) => Ok(gaussians.clone()),
+            LoadedScene::Paged(_) => bail!("a scene with levels of detail is drawn alone: hide or close the others"),
+        }
+    }
+
+    /// True if not all Gaussians are drawn.
+    pub fn leaves_out(&self) -> bool {
+        self.edit.as_ref().is_some_and(|edit| edit.leaves_out())
+    }
 }
 
 impl LoadedScene {

@@ -13,7 +13,8 @@
 //! - `timing`, `frame_times`, `rate` - frame times, the pace of the window, and the control that keeps a frame rate
 //! - `measuring` - costs of knobs and error budgets
 //! - `film`, `export` - the camera path, and the files to write
-//! - `editing`, `edit`, `edit_result`, `contributions`, `undo` - tools, selections, their results, and undo
+//! - `editing`, `edit`, `undo` - tools, selections, hidden and deleted Gaussians, and undo
+//! - `contributions`, `property_values` - numbers of all Gaussians, by which they are selected
 //! - `drag`, `gizmo` - the pointer over the picture, and the handles of a scene
 //! - `panels`, `dialog`, `recent`, `messages` - panels, file dialogs, the state kept between windows, messages
 //! - `keys`, `events`, `job_event`, `project` - key bindings, events for scripts, events of jobs, and project files
@@ -24,7 +25,6 @@ mod contributions;
 mod dialog;
 mod drag;
 mod edit;
-mod edit_result;
 mod editing;
 mod evaluation;
 mod events;
@@ -44,6 +44,7 @@ mod photographs;
 mod pictures;
 mod plan;
 mod project;
+mod property_values;
 mod rate;
 mod recent;
 mod requests;
@@ -58,17 +59,16 @@ mod viewer;
 
 pub use comparison::{CompareMode, CompareTarget};
 pub(crate) use comparison::{Comparison, PictureContent, PictureOf, SecondPicture, covered, fitted, over};
-pub(crate) use contributions::{Contributions, DrawnScene, MIN_VISIBLE};
+pub(crate) use contributions::{Contributions, MIN_VISIBLE};
 pub(crate) use dialog::{DialogResult, SaveTarget};
 pub use drag::Tool;
 pub(crate) use drag::{Drag, DragMotion, Handle, ToolStroke};
-pub(crate) use edit::Edit;
-pub use edit::{Change, Counts, Outline, Property, Selection, SelectionMode};
-pub(crate) use edit_result::EditResult;
+pub use edit::{Change, Counts, Property, Selection};
+pub(crate) use edit::{Edit, base_colour, part_of_set, set_of};
 pub(crate) use evaluation::{Evaluation, EvaluationRow, PosedPhotograph};
 pub use events::Event;
 pub use frame_times::Digest;
-pub(crate) use gizmo::{Gizmo, turned};
+pub(crate) use gizmo::{BoxHandles, Gizmo, turned};
 pub(crate) use inspector::ExplainedPixel;
 pub(crate) use job_event::{JobEvent, Jobs, Origin, Reporter};
 pub use keys::Bindings;
@@ -77,11 +77,12 @@ pub(crate) use layers::{Layer, LayerSource, Placement};
 pub(crate) use loaded_scene::{LoadedScene, OpenedScene};
 pub(crate) use measuring::{Measurement, Purpose};
 pub(crate) use photographs::{Photographs, camera_of, holds_photographs};
-pub(crate) use plan::{Drawn, Pair, Plan, Reusable, Second, Side, needs_whole};
+pub(crate) use plan::{Drawn, MeasuredScene, Pair, Plan, Reusable, Second, Side, needs_whole};
 pub(crate) use project::{PROJECT_ENDING, PlacedScene, Project, ProjectView, is_project, relative_to};
+pub(crate) use property_values::{Histogram, PropertyValues};
 pub(crate) use rate::RateControl;
 pub use recent::{RecentState, Tab};
-pub use requests::{Request, WindowRequest};
+pub use requests::{Request, Selecting, WindowRequest};
 pub use setup::{CompareWith, Setup, Start};
 pub(crate) use snapshot::{Area, PairDifference, area_between, cropped};
 pub(crate) use undo::{Undo, UndoState};

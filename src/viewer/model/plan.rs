@@ -3,14 +3,15 @@
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 
-use super::loaded_scene::{LoadedScene, are_same};
+use super::edit::{Edit, joined_sets};
+use super::loaded_scene::{DrawnScene, LoadedScene, are_same, draw_same};
 use crate::camera::Camera;
 use crate::gpu::{Device, Image};
 use crate::options::Options;
 use crate::packing::{Layout, Statistics};
-use crate::render::{Content, Frame, GpuScene, Inspection, Path, Renderer, Residency, SceneSource, Upload};
+use crate::render::{Content, Frame, GpuScene, Inspection, Marker, Path, Renderer, Residency, SceneSource, Upload};
 use crate::rules::Background;
 use crate::scene::{Gaussians, SceneInstances, Transform};
 
@@ -21,10 +22,10 @@ pub enum Side {
     Second,
 }
 
-/// A picture to draw: scenes with their transforms, the options, and the version of the shaders.
+/// A picture to draw: scenes, the options, and the version of the shaders.
 #[derive(Clone)]
 pub struct Plan {
-    pub scenes: Vec<(LoadedScene, Transform)>,
+    pub scenes: Vec<DrawnScene>,
     pub options: Options,
     /// The newest change of shaders that are compiled at run time.
     pub shaders: Option<SystemTime>,
@@ -33,13 +34,15 @@ pub struct Plan {
 /// A scene on the GPU, and its picture.
 pub struct Drawn {
     pub plan: Plan,
-    /// The joined scenes, in world space; `None` for a paged scene.
+    /// The joined scenes on the device, in world space; `None` for a paged scene.
     pub gaussians: Option<Arc<Gaussians>>,
     pub statistics: Arc<Statistics>,
     source: SceneSource,
     /// The layout of the scene for the options.
     layout: Layout,
     pub scene: GpuScene,
+    /// The marks that the scene on the device has; `None` if they are not known.
+    pub marks: Option<Marks>,
     pub renderer: Renderer,
     /// Number of the build; distinguishes this picture from one that it replaced.
     pub generation: u64,
@@ -50,23 +53,84 @@ pub struct Drawn {
     pub inspection: Inspection,
 }
 
-impl Plan {
+/// The marks of a scene on the device.
+#[derive(Clone)]
+pub struct Marks {
+    pub edits: Vec<Option<Arc<Edit>>>,
+    /// True if selected Gaussians are marked, too.
+    pub has_selection: bool,
+}
+
+impl Marks {
+    /// True if they mark the same Gaussians.
     pub fn is_same(&self, other: &Self) -> bool {
-        self.options == other.options && self.shaders == other.shaders && self.has_scene_of(other)
+        let is_same = |(a, b): (&Option<Arc<Edit>>, &Option<Arc<Edit>>)| match (a, b) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        self.has_selection == other.has_selection
+            && self.edits.len() == other.edits.len()
+            && self.edits.iter().zip(&other.edits).all(is_same)
     }
 
-    /// True if both plans draw the same Gaussians with the same transforms.
+    /// True if no Gaussian is marked.
+    pub fn are_none(&self) -> bool {
+        self.edits.iter().all(Option::is_none)
+    }
+}
+
+impl Plan {
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.options == other.options && self.shaders == other.shaders && draw_same(&self.scenes, &other.scenes)
+    }
+
+    /// True if both plans need the same Gaussians with the same transforms on the device.
     pub fn has_scene_of(&self, other: &Self) -> bool {
         are_same(&self.scenes, &other.scenes)
     }
 
     /// True if a scene is paged.
     pub fn is_paged(&self) -> bool {
-        self.scenes.iter().any(|(scene, _)| matches!(scene, LoadedScene::Paged(_)))
+        self.scenes.iter().any(|drawn| matches!(drawn.scene, LoadedScene::Paged(_)))
+    }
+
+    /// Number of Gaussians that are neither hidden nor deleted.
+    pub fn drawn_count(&self) -> usize {
+        let left_out = |edit: &Arc<Edit>| edit.counts().hidden + edit.counts().deleted;
+        self.scenes.iter().map(|drawn| drawn.scene.count() - drawn.edit.as_ref().map_or(0, left_out)).sum()
+    }
+
+    fn leaves_out(&self) -> bool {
+        self.scenes.iter().any(DrawnScene::leaves_out)
+    }
+
+    /// The marks of the edits, with the selected Gaussians or without.
+    pub fn marks(&self, has_selection: bool) -> Marks {
+        Marks { edits: self.scenes.iter().map(|drawn| drawn.edit.clone()).collect(), has_selection }
+    }
+
+    /// Marks the Gaussians of the joined scenes on the device.
+    ///
+    /// # Errors
+    /// Memory runs out, or the device is lost.
+    pub fn mark(&self, scene: &GpuScene, marker: &Marker, has_selection: bool) -> Result<()> {
+        let sets = |set: &dyn Fn(&Edit) -> Vec<u32>| {
+            joined_sets(self.scenes.iter().map(|drawn| {
+                let count = drawn.scene.count();
+                (count, drawn.edit.as_ref().map_or_else(|| vec![0; count.div_ceil(32)], |edit| set(edit)))
+            }))
+        };
+        let left_out = sets(&|edit| edit.left_out().collect());
+        let selected = match has_selection {
+            true => sets(&|edit| edit.selected().to_vec()),
+            false => vec![0; left_out.len()],
+        };
+        marker.mark(scene, &left_out, &selected)
     }
 
     /// Uploads the scene and draws it once, reusing equal parts of `reusable`. With a generation, later pictures do not
-    /// wait for pages; without one, every picture shows all pages.
+    /// wait for pages, and the caller marks the scene; without one, every picture shows all pages, the edits of the
+    /// plan are marked, and the scene shares no marks with that of the window.
     pub fn build(
         self,
         device: &Device,
@@ -75,34 +139,45 @@ impl Plan {
         background: Background,
         generation: Option<u64>,
     ) -> Result<Drawn> {
-        let reusable = reusable.filter(|old| old.plan.has_scene_of(&self));
-        let (source, statistics) = match &reusable {
+        let reusable = reusable.filter(|old| match old.scene.is_paged() {
+            true => draw_same(&old.plan.scenes, &self.scenes),
+            false => old.plan.has_scene_of(&self),
+        });
+        let (mut source, mut statistics) = match &reusable {
             Some(old) => (old.source.clone(), old.statistics.clone()),
-            None => {
-                let source = self.source()?;
-                let statistics = match &source.content {
-                    Content::Memory { statistics, .. } => statistics.clone(),
-                    Content::File(file) => Arc::new(file.header().statistics.clone()),
-                };
-                (source, statistics)
-            }
+            None => described(self.source()?),
         };
         let options = match self.is_paged() && !self.options.wants_levels() {
             true => Options { lod_fade: self.options.lod_fade, ..self.options.finest() },
             false => self.options,
         };
-        let layout = match self.is_paged() {
-            true => Layout::of_nodes(&statistics, &options),
-            false => Layout::of(&statistics, &options),
+        let layout_of = |statistics: &Statistics| match self.is_paged() {
+            true => Layout::of_nodes(statistics, &options),
+            false => Layout::of(statistics, &options),
         };
+        let mut layout = layout_of(&statistics);
         let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == options.rules.alpha_min;
-        let scene = match reusable.filter(|old| old.layout == layout && same_threshold(old)) {
-            Some(old) => old.scene,
-            None => {
-                let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
-                source.upload_with(device, &options, Upload::reserving(BYTES_PER_PIXEL * pixels))?
-            }
+        let upload = |source: &SceneSource| {
+            let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
+            source.upload_with(device, &options, Upload::reserving(BYTES_PER_PIXEL * pixels))
         };
+        let reused = reusable.filter(|old| old.layout == layout && same_threshold(old)).map(|old| old.scene);
+        let is_reused = reused.is_some();
+        let mut scene = reused.map_or_else(|| upload(&source), Ok)?;
+        if !is_reused && scene.is_paged() && self.leaves_out() {
+            // Pages have no marks, so only the drawn Gaussians are in them.
+            drop(scene);
+            (source, statistics) = described(SceneSource::of(Gaussians::clone(&*self.edited()?)));
+            layout = layout_of(&statistics);
+            scene = upload(&source)?;
+        }
+        let mut marks = (!is_reused).then(|| Marks { edits: vec![None; self.scenes.len()], has_selection: false });
+        if generation.is_none() && !scene.is_paged() && (is_reused || self.leaves_out()) {
+            let marker = Marker::new(device)?;
+            scene = if is_reused { marker.separated(&scene)? } else { scene };
+            self.mark(&scene, &marker, false)?;
+            marks = Some(self.marks(false));
+        }
         let mut renderer = Renderer::new(device, &options, &scene)?;
         if generation.is_some() {
             renderer.enable_page_streaming()?;
@@ -122,39 +197,65 @@ impl Plan {
             Content::File(_) => None,
         };
         let plan = self;
-        Ok(Drawn { plan, gaussians, statistics, source, layout, scene, renderer, generation, frame, path, inspection })
+        Ok(Drawn {
+            plan,
+            gaussians,
+            statistics,
+            source,
+            layout,
+            scene,
+            marks,
+            renderer,
+            generation,
+            frame,
+            path,
+            inspection,
+        })
     }
 
     /// The scene to upload.
     fn source(&self) -> Result<SceneSource> {
         match &self.scenes[..] {
-            [(LoadedScene::Paged(file), transform)] => {
+            [DrawnScene { scene: LoadedScene::Paged(file), transform, .. }] => {
                 let placed = (*transform != Transform::IDENTITY).then(|| SceneInstances::new(vec![*transform]));
                 Ok(SceneSource { instances: placed.transpose()?, ..SceneSource::of_file(file.clone()) })
             }
             _ => {
-                let gaussians = self.joined()?;
+                let gaussians = self.joined(|drawn| drawn.whole())?;
                 let statistics = Arc::new(Statistics::of(&gaussians));
                 Ok(SceneSource::shared(gaussians, statistics))
             }
         }
     }
 
-    /// The scenes, transformed and joined.
-    pub fn joined(&self) -> Result<Arc<Gaussians>> {
-        let whole = |scene: &LoadedScene| match scene {
-            LoadedScene::Whole(gaussians) => Ok(gaussians.clone()),
-            LoadedScene::Paged(_) => bail!("a scene with levels of detail is drawn alone: hide or close the others"),
-        };
-        if let [(LoadedScene::Whole(gaussians), transform)] = &self.scenes[..]
-            && *transform == Transform::IDENTITY
+    /// The drawn Gaussians of the scenes, transformed and joined.
+    pub fn edited(&self) -> Result<Arc<Gaussians>> {
+        self.joined(|drawn| {
+            let whole = drawn.whole()?;
+            let Some(edit) = drawn.edit.as_ref().filter(|edit| edit.leaves_out()) else { return Ok(whole) };
+            Ok(Arc::new(whole.selected(&edit.drawn())?))
+        })
+    }
+
+    fn joined(&self, gaussians: impl Fn(&DrawnScene) -> Result<Arc<Gaussians>>) -> Result<Arc<Gaussians>> {
+        if let [drawn] = &self.scenes[..]
+            && drawn.transform == Transform::IDENTITY
         {
-            return Ok(gaussians.clone());
+            return gaussians(drawn);
         }
-        let placed = self.scenes.iter().map(|(scene, transform)| whole(scene)?.transformed(transform));
+        let placed = self.scenes.iter().map(|drawn| gaussians(drawn)?.transformed(&drawn.transform));
         let placed = placed.collect::<Result<Vec<_>>>()?;
         Ok(Arc::new(Gaussians::joined(placed.iter())?))
     }
+}
+
+/// A source with its statistics.
+fn described(source: SceneSource) -> (SceneSource, Arc<Statistics>) {
+    let statistics = match &source.content {
+        Content::Memory { statistics, .. } => statistics.clone(),
+        Content::File(file) => Arc::new(file.header().statistics.clone()),
+    };
+    (source, statistics)
 }
 
 /// The parts of a picture that the build of another picture may reuse.
@@ -164,6 +265,31 @@ pub struct Reusable {
     statistics: Arc<Statistics>,
     layout: Layout,
     scene: GpuScene,
+}
+
+/// The scene of a measurement.
+pub enum MeasuredScene {
+    Known((Arc<Gaussians>, Arc<Statistics>)),
+    /// The drawn Gaussians of a plan, which a job has to put together.
+    Edited(Plan),
+}
+
+impl MeasuredScene {
+    /// The Gaussians and their statistics.
+    ///
+    /// # Errors
+    /// Memory runs out, or no Gaussian is left.
+    pub fn resolved(self) -> Result<(Arc<Gaussians>, Arc<Statistics>)> {
+        match self {
+            Self::Known(known) => Ok(known),
+            Self::Edited(plan) => {
+                let gaussians = plan.edited()?;
+                ensure!(!gaussians.is_empty(), "no Gaussian is left: all are deleted or hidden");
+                let statistics = Arc::new(Statistics::of(&gaussians));
+                Ok((gaussians, statistics))
+            }
+        }
+    }
 }
 
 /// The message that `what` needs a whole scene, but the scene is paged.
@@ -178,6 +304,7 @@ pub fn needs_whole(what: &str) -> String {
 const BYTES_PER_PIXEL: u64 = 64;
 
 impl Drawn {
+    /// The parts that another build may reuse.
     pub fn reusable(&self) -> Reusable {
         Reusable {
             plan: self.plan.clone(),
@@ -186,6 +313,26 @@ impl Drawn {
             layout: self.layout.clone(),
             scene: self.scene.clone(),
         }
+    }
+
+    /// True if the scenes of this plan need no other build: at most other marks, which pages have not.
+    pub fn suits_scenes(&self, plan: &Plan) -> bool {
+        match self.scene.is_paged() {
+            true => draw_same(&self.plan.scenes, &plan.scenes),
+            false => self.plan.has_scene_of(plan),
+        }
+    }
+
+    /// True if a picture of this plan needs no other build.
+    pub fn suits(&self, plan: &Plan) -> bool {
+        self.plan.options == plan.options && self.plan.shaders == plan.shaders && self.suits_scenes(plan)
+    }
+
+    /// The drawn Gaussians and their statistics, for a measurement; `None` for a paged scene.
+    pub fn measured(&self) -> Option<MeasuredScene> {
+        let known = (self.gaussians.clone()?, self.statistics.clone());
+        let is_whole = self.scene.is_paged() || !self.plan.leaves_out();
+        Some(if is_whole { MeasuredScene::Known(known) } else { MeasuredScene::Edited(self.plan.clone()) })
     }
 
     /// The residency of its pages, if it is drawn without waiting for them.

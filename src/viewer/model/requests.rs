@@ -1,10 +1,14 @@
 //! Requests of panels and keys that need the device or the window.
 
-use super::edit::{Selection, SelectionMode};
+use std::sync::Arc;
+
+use super::contributions::Contributions;
+use super::edit::Selection;
 use crate::gpu::Vsync;
+use crate::render::SelectionMode;
 
 /// A request that needs the device or the window. The session executes it after the layout of the panels.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone)]
 pub enum Request {
     /// The owner of the window executes this one.
     Window(WindowRequest),
@@ -19,9 +23,12 @@ pub enum Request {
         pixel: [u32; 2],
         radius_px: f64,
         mode: SelectionMode,
+        /// A stroke goes on: there is no message.
+        goes_on: bool,
     },
-    /// Select by contribution to the view; if true, visible Gaussians only.
-    SelectByContributions(Selection, SelectionMode, bool),
+    Select(Selecting),
+    /// Select Gaussians of the colour of the one that is seen most at this pixel.
+    SelectColour([u32; 2], SelectionMode),
     /// Fit the scale of the view mode to the values of the picture.
     FitRange,
     WritePicture,
@@ -34,6 +41,17 @@ pub enum Request {
     Choose,
     /// Compare every camera with its photograph.
     Evaluate,
+}
+
+/// A selection that is requested.
+#[derive(Clone)]
+pub struct Selecting {
+    pub selection: Selection,
+    pub mode: SelectionMode,
+    /// The contributions to the view at the time of the request, once a job has found them.
+    pub contributions: Option<Arc<Contributions>>,
+    /// A stroke goes on: there is no message.
+    pub goes_on: bool,
 }
 
 /// A request that only the owner of the window can execute.

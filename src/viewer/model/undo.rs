@@ -19,17 +19,21 @@ impl Undo {
         }
     }
 
-    /// Drops the oldest states until at most `steps` are left and their edits fit into [`MAX_BYTES`]. States share an
-    /// edit that did not change between them.
+    /// Drops the oldest states until at most `steps` are left and their edits fit into [`MAX_BYTES`]. States share the
+    /// sets that did not change between them.
     pub fn limit(&mut self, steps: usize) {
         let mut left = MAX_BYTES;
         let mut later: &[(u64, Option<Arc<Edit>>)] = &[];
         let mut kept = 0;
         for state in self.done.iter().rev().take(steps) {
-            let is_later =
-                |edit: &Arc<Edit>| later.iter().any(|(_, of)| of.as_ref().is_some_and(|of| Arc::ptr_eq(of, edit)));
-            let own = state.edits.iter().filter_map(|(_, edit)| edit.as_ref()).filter(|edit| !is_later(edit));
-            let needed: usize = own.map(|edit| edit.gaussians()).sum();
+            let needed: usize = state
+                .edits
+                .iter()
+                .filter_map(|(number, edit)| {
+                    let beside = later.iter().find(|(of, _)| of == number).and_then(|(_, edit)| edit.as_deref());
+                    Some(edit.as_ref()?.bytes_beside(beside))
+                })
+                .sum();
             if needed > left && kept > 0 {
                 break;
             }

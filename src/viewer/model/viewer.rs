@@ -142,22 +142,22 @@ impl Viewer {
         let key = |action| self.setup.bindings.text(action);
         let Some(first) = &pair.first else {
             let is_shown = self.scenes.layers.iter().any(|layer| layer.is_shown[0]);
-            let is_empty = !self.scenes.are_loading() && matches!(self.plan(Side::First), Ok(None));
             return match () {
                 () if self.scenes.layers.is_empty() || self.pictures.refused[0].is_some() => None,
                 () if !is_shown => Some("no scene is shown: tick one in the page Scene".to_owned()),
-                () if is_empty => {
-                    let undo = key(Action::Undo);
-                    Some(format!("no Gaussian is left: all are deleted or hidden ({undo} undoes)"))
-                }
                 () => Some("the first picture is being prepared".to_owned()),
             };
         };
         // The counts are those of the last frame.
-        (first.frame.totals.visible == 0 && !self.pictures.are_stale).then(|| {
-            let (near, frame) = (self.options.rules.near, key(Action::Frame));
-            format!("no Gaussian is in view beyond the near plane at {near} ({frame} shows all scenes)")
-        })
+        if first.frame.totals.visible > 0 || self.pictures.are_stale {
+            return None;
+        }
+        if first.plan.drawn_count() == 0 {
+            let undo = key(Action::Undo);
+            return Some(format!("no Gaussian is left: all are deleted or hidden ({undo} undoes)"));
+        }
+        let (near, frame) = (self.options.rules.near, key(Action::Frame));
+        Some(format!("no Gaussian is in view beyond the near plane at {near} ({frame} shows all scenes)"))
     }
 
     /// The plan for a side; `None` if the GPU draws nothing for it.
@@ -165,10 +165,6 @@ impl Viewer {
     /// # Errors
     /// The placement of a scene is not a valid transform.
     pub fn plan(&self, side: Side) -> Result<Option<Plan>> {
-        self.plan_of(side, false)
-    }
-
-    fn plan_of(&self, side: Side, is_tinted: bool) -> Result<Option<Plan>> {
         let options = match side {
             Side::First => self.options,
             Side::Second => match self.comparison.options(&self.options) {
@@ -176,23 +172,26 @@ impl Viewer {
                 None => return Ok(None),
             },
         };
-        let scenes =
-            self.scenes.layers.iter().filter_map(|layer| layer.drawn_scene(side as usize, is_tinted).transpose());
+        let scenes = self.scenes.layers.iter().filter_map(|layer| layer.drawn_scene(side as usize).transpose());
         let scenes = scenes.collect::<Result<Vec<_>>>()?;
         Ok((!scenes.is_empty()).then_some(Plan { scenes, options, shaders: self.pictures.shaders }))
     }
 
-    /// The plan for the picture in the window: [`Viewer::plan`] at the scale of the motion, with selected Gaussians
-    /// tinted unless pictures are compared.
+    /// The plan for the picture in the window: [`Viewer::plan`] at the scale of the motion.
     ///
     /// # Errors
     /// Those of [`Viewer::plan`].
     pub fn shown_plan(&self, side: Side) -> Result<Option<Plan>> {
-        let mut plan = self.plan_of(side, self.comparison.target == CompareTarget::Nothing)?;
+        let mut plan = self.plan(side)?;
         if let Some(plan) = plan.as_mut().filter(|plan| !plan.is_paged()) {
             plan.options.scale *= self.timing.motion_scale();
         }
         Ok(plan)
+    }
+
+    /// True if selected Gaussians are tinted: pictures that are compared have their own colours.
+    pub fn shows_selection(&self) -> bool {
+        self.comparison.target == CompareTarget::Nothing
     }
 
     /// True if a picture of this plan shows the current scenes completely.

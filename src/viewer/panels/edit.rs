@@ -1,14 +1,15 @@
 //! The page Edit: tools, selections by value and by box, changes of the selected Gaussians, and saving.
 
-use egui::{Button, Color32, ComboBox, DragValue, Grid, Stroke, Ui, vec2};
-use glam::{DVec2, DVec3};
+use egui::{Align, Button, Color32, ComboBox, DragValue, Grid, Layout, Pos2, Rect, Sense, Stroke, Ui, pos2, vec2};
+use glam::DVec2;
 use indicatif::HumanCount as count;
 
 use super::section;
 use super::world_painter::WorldPainter;
+use crate::render::SelectionMode;
 use crate::viewer::model::{
-    Action, Change, Counts, DragMotion, Gizmo, Handle, Property, SaveTarget, Selection, SelectionMode, Tab, Tool,
-    ToolStroke, Viewer,
+    Action, BoxHandles, Change, Counts, DragMotion, Gizmo, Handle, Histogram, Property, SaveTarget, Selection, Tab,
+    Tool, ToolStroke, Viewer,
 };
 
 /// Colours of the axes x, y and z.
@@ -78,12 +79,16 @@ fn placing(viewer: &mut Viewer, ui: &mut Ui) {
 
 fn selection(viewer: &mut Viewer, ui: &mut Ui) {
     let Counts { selected, hidden, deleted } = viewer.scenes.edit_counts();
-    ui.label(format!(
+    let text = format!(
         "{} selected, {} hidden, {} deleted",
         count(selected as u64),
         count(hidden as u64),
         count(deleted as u64)
-    ));
+    );
+    let label = ui.label(text);
+    if let Some(ms) = viewer.editing.selection_ms {
+        label.on_hover_text(format!("The last selection took {ms:.3} ms of the GPU."));
+    }
     let rows = [
         ("All", Some(Action::SelectAll), Change::SelectAll, true),
         ("None", Some(Action::SelectNone), Change::SelectNone, selected > 0),
@@ -106,25 +111,6 @@ fn selection(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// The ranges that the page edits.
-#[derive(Clone, Copy)]
-struct Ranges {
-    property: Property,
-    values: [f32; 2],
-    corners: [DVec3; 2],
-}
-
-fn ranges(viewer: &Viewer, ui: &Ui) -> Ranges {
-    let around = DVec3::splat(viewer.view.navigator.radius());
-    let pivot = viewer.view.navigator.pivot();
-    let fresh = Ranges { property: Property::Opacity, values: [0.0, 0.05], corners: [pivot - around, pivot + around] };
-    ui.ctx().data(|data| data.get_temp(egui::Id::new("ranges"))).unwrap_or(fresh)
-}
-
-fn keep(ranges: Ranges, ui: &Ui) {
-    ui.ctx().data_mut(|data| data.insert_temp(egui::Id::new("ranges"), ranges));
-}
-
 /// The buttons of the three selection modes.
 fn mode_buttons(ui: &mut Ui) -> Option<SelectionMode> {
     let mut wanted = None;
@@ -141,30 +127,81 @@ fn mode_buttons(ui: &mut Ui) -> Option<SelectionMode> {
 }
 
 fn by_value(viewer: &mut Viewer, ui: &mut Ui) {
-    let mut now = ranges(viewer, ui);
+    viewer.editing.are_values_due = true;
     ui.horizontal(|ui| {
-        let text = Property::ALL.iter().find(|(property, _)| *property == now.property).map_or("", |(_, name)| name);
-        ComboBox::from_id_salt("property").width(110.0).selected_text(text).show_ui(ui, |ui| {
+        let editing = &mut viewer.editing;
+        ComboBox::from_id_salt("property").width(110.0).selected_text(editing.property.name()).show_ui(ui, |ui| {
             for (property, name) in Property::ALL {
-                ui.selectable_value(&mut now.property, property, name);
+                ui.selectable_value(&mut editing.property, property, name);
+            }
+            if let Property::Colour(_) = editing.property {
+                let _ = ui.selectable_label(true, editing.property.name());
             }
         });
-        let [low, high] = &mut now.values;
+        let [low, high] = &mut editing.range;
         ui.label("from");
-        ui.add(DragValue::new(low).speed(0.005).range(0.0..=f32::MAX));
+        ui.add(DragValue::new(low).speed(0.005).range(0.0..=f32::MAX).max_decimals(6));
         ui.label("to");
-        ui.add(DragValue::new(high).speed(0.005).range(0.0..=f32::MAX));
+        ui.add(DragValue::new(high).speed(0.005).range(0.0..=f32::MAX).max_decimals(6));
     });
-    if let Some(mode) = mode_buttons(ui) {
-        viewer.select(&Selection::Values(now.property, now.values[0]..=now.values[1]), mode);
+    let known = viewer.editing.values.as_ref().filter(|values| values.property == viewer.editing.property);
+    let dragged = known.and_then(|values| histogram(&values.histogram, &mut viewer.editing.range, ui));
+    let selection = Selection::Values(viewer.editing.property, viewer.editing.range[0]..=viewer.editing.range[1]);
+    if let Some(goes_on) = dragged {
+        viewer.select_while_dragging(&selection, goes_on);
     }
-    keep(now, ui);
+    if let Some(mode) = mode_buttons(ui) {
+        viewer.select(&selection, mode);
+    }
+}
+
+/// The histogram of a property, with the range that is selected. A drag sets the range; returns whether it goes on.
+fn histogram(histogram: &Histogram, range: &mut [f32; 2], ui: &mut Ui) -> Option<bool> {
+    let hint = "Drag to select the Gaussians of a range. Heights are logarithmic: a bar of one Gaussian is seen, too.";
+    let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 72.0), Sense::drag());
+    let response = response.on_hover_text(hint);
+    let (rect, visuals) = (response.rect, ui.visuals());
+    painter.rect_filled(rect, 2.0, visuals.extreme_bg_color);
+    let most = histogram.counts.iter().copied().max().unwrap_or(0).max(1);
+    let width = rect.width() / histogram.counts.len() as f32;
+    let ends = range.map(|value| rect.left() + histogram.place(value) * rect.width());
+    let selected = Rect::from_x_y_ranges(ends[0]..=ends[1].max(ends[0] + 1.0), rect.y_range());
+    painter.rect_filled(selected, 0.0, visuals.selection.bg_fill.gamma_multiply(0.5));
+    for (i, number) in histogram.counts.iter().enumerate().filter(|(_, number)| **number > 0) {
+        let height = f64::from(*number + 1).ln() / f64::from(most + 1).ln();
+        let left = rect.left() + i as f32 * width;
+        let top = rect.bottom() - height as f32 * (rect.height() - 4.0);
+        let bar = Rect::from_min_max(pos2(left, top), pos2(left + (width - 0.5).max(0.5), rect.bottom()));
+        painter.rect_filled(bar, 0.0, visuals.text_color());
+    }
+    ui.horizontal(|ui| {
+        ui.weak(short(histogram.low));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.weak(short(histogram.high));
+            ui.centered_and_justified(|ui| ui.weak(if histogram.is_logarithmic { "logarithmic" } else { "linear" }));
+        });
+    });
+    let place = |pos: Pos2| ((pos.x - rect.left()) / rect.width()).clamp(0.0, 1.0);
+    let (from, to) = (ui.input(|input| input.pointer.press_origin()), response.interact_pointer_pos());
+    let is_dragged = response.dragged() || response.drag_stopped();
+    if let (true, Some(from), Some(to)) = (is_dragged, from, to) {
+        let [low, high] = [place(from).min(place(to)), place(from).max(place(to))];
+        // The first and the last bar also have the values beyond.
+        let low = if low > 0.0 { histogram.value(low) } else { 0.0 };
+        *range = [low, if high < 1.0 { histogram.value(high) } else { f32::MAX }];
+    }
+    is_dragged.then_some(!response.drag_stopped())
+}
+
+/// A number with few digits.
+fn short(value: f32) -> String {
+    if value == 0.0 || (1e-3..1e4).contains(&value) { format!("{value:.3}") } else { format!("{value:.1e}") }
 }
 
 fn by_box(viewer: &mut Viewer, ui: &mut Ui) {
-    let mut now = ranges(viewer, ui);
+    let mut corners = viewer.bounds();
     Grid::new("box").num_columns(4).show(ui, |ui| {
-        for (name, corner) in ["From x y z", "To x y z"].iter().zip(&mut now.corners) {
+        for (name, corner) in ["From x y z", "To x y z"].iter().zip(&mut corners) {
             ui.label(*name);
             for value in corner.as_mut() {
                 ui.add(DragValue::new(value).speed(0.01));
@@ -172,10 +209,12 @@ fn by_box(viewer: &mut Viewer, ui: &mut Ui) {
             ui.end_row();
         }
     });
-    if let Some(mode) = mode_buttons(ui) {
-        viewer.select(&Selection::Box(now.corners[0], now.corners[1]), mode);
+    if corners != viewer.bounds() {
+        viewer.editing.bounds = Some(corners);
     }
-    keep(now, ui);
+    if let Some(mode) = mode_buttons(ui) {
+        viewer.select(&Selection::Box(corners[0], corners[1]), mode);
+    }
 }
 
 /// Draws the stroke of a tool, the brush, and the handles of a scene over the picture.
@@ -205,14 +244,36 @@ pub(super) fn over_picture(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
                 painter.line(stroke.iter().map(|place| at(*place)).collect(), wide);
             }
             Tool::Ball => drop(painter.circle_stroke(at(*first), (first.distance(*last) / points) as f32, line)),
-            Tool::Look | Tool::Place => {}
+            Tool::Look | Tool::Polygon | Tool::Box | Tool::Colour | Tool::Place => {}
         }
+    }
+    if viewer.editing.tool == Tool::Polygon {
+        let cursor = viewer.pointer.pixel.map(|pixel| DVec2::from(pixel.map(f64::from)) + 0.5);
+        let corners = &viewer.editing.polygon;
+        painter.line(corners.iter().chain(cursor.iter().take(corners.len())).map(|place| at(*place)).collect(), line);
+        for corner in corners {
+            painter.circle_filled(at(*corner), 3.0, line.color);
+        }
+    }
+    if viewer.editing.tool == Tool::Box {
+        bounds(viewer, world, line);
     }
     if let (Tool::Brush, Some(pixel)) = (viewer.editing.tool, viewer.pointer.pixel) {
         painter.circle_stroke(at(DVec2::from(pixel.map(f64::from))), (viewer.editing.brush_px / points) as f32, line);
     }
     if let (Tool::Place, Some(gizmo)) = (viewer.editing.tool, viewer.gizmo()) {
         handles(viewer, &gizmo, world, ui);
+    }
+}
+
+/// The edges of the box that selects, and the handles of its faces.
+fn bounds(viewer: &Viewer, world: &WorldPainter, line: Stroke) {
+    let handles = BoxHandles::new(&viewer.view.camera(), viewer.bounds());
+    handles.edges().for_each(|ends| world.line(ends, line));
+    for axis in 0..3 {
+        for is_greater in [false, true] {
+            world.dot(handles.face(axis, is_greater), 5.0, AXES[axis], "");
+        }
     }
 }
 

@@ -5,10 +5,11 @@ use std::time::Duration;
 use egui::{Event as Input, Key, Modifiers, Order, PointerButton, Pos2, Rect, Sense, Ui};
 use glam::{DVec2, DVec3};
 
+use crate::render::SelectionMode;
 use crate::viewer::actions::Program;
 use crate::viewer::model::{
-    Action, Change, Chord, CompareMode, CompareTarget, Comparison, Drag, DragMotion, Request, SaveTarget,
-    SelectionMode, Tab, Tool, ToolStroke, Viewer, WindowRequest, area_between,
+    Action, Change, Chord, CompareMode, CompareTarget, Comparison, Drag, DragMotion, Request, SaveTarget, Tab, Tool,
+    Viewer, WindowRequest, area_between,
 };
 
 /// The factor by which the fast key speeds flying up, and the slow key slows it down.
@@ -133,7 +134,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.panels.shows_help = false;
         viewer.messages.close_errors();
         viewer.comparison.area = None;
-        viewer.pointer.cancel();
+        viewer.cancel_stroke();
         viewer.inspector.marks.clear();
         viewer.inspector.clear_explanation();
     }
@@ -226,26 +227,31 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
     let size = viewer.view.size;
     let before = viewer.view.navigator.camera(size);
+    let mut has_stroke = false;
     for event in ui.input(|input| input.events.clone()) {
         match event {
             Input::PointerButton { pos, button, pressed: true, modifiers } if viewer.pointer.drag.is_none() => {
                 viewer.pointer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers);
                 if viewer.pointer.drag.is_some_and(|drag| drag.motion == DragMotion::Stroke) {
-                    viewer.pointer.stroke =
-                        Some(ToolStroke { points: vec![pixel_position(ui, pos)], mode: mode(modifiers) });
+                    viewer.begin_stroke(pixel_position(ui, pos), mode(modifiers));
+                    has_stroke = true;
                 }
             }
-            Input::PointerMoved(pos) => follow(viewer, ui, pos),
+            Input::PointerMoved(pos) => has_stroke |= follow(viewer, ui, pos),
             Input::PointerButton { pos, button, pressed: false, .. }
                 if viewer.pointer.drag.is_some_and(|drag| drag.button == button) =>
             {
                 follow(viewer, ui, pos);
                 viewer.pointer.drag = None;
                 viewer.end_stroke();
+                has_stroke = false;
             }
-            Input::WindowFocused(false) => viewer.pointer.cancel(),
+            Input::WindowFocused(false) => viewer.cancel_stroke(),
             _ => {}
         }
+    }
+    if has_stroke {
+        viewer.apply_stroke(true);
     }
     viewer.pointer.pixel = response.hovered().then(|| pixel_under_cursor(viewer, ui)).flatten();
     if response.hovered() {
@@ -301,6 +307,7 @@ fn drag_at(
         PointerButton::Primary if is_at_split(viewer, ui, pos) => DragMotion::Split,
         PointerButton::Primary if viewer.uses_tool() && !held.alt => match viewer.editing.tool {
             Tool::Place => viewer.handle_at(pixel_position(ui, pos), f64::from(ui.ctx().pixels_per_point()))?,
+            Tool::Box => viewer.face_at(pixel_position(ui, pos), f64::from(ui.ctx().pixels_per_point()))?,
             _ => DragMotion::Stroke,
         },
         PointerButton::Primary if held.shift => DragMotion::Pan,
@@ -315,14 +322,14 @@ fn drag_at(
     Some(Drag { button, motion, position: pos })
 }
 
-/// Continues a drag to this position.
-fn follow(viewer: &mut Viewer, ui: &Ui, pos: Pos2) {
-    let Some(drag) = &mut viewer.pointer.drag else { return };
+/// Continues a drag to this position. Returns true if a stroke of a tool goes on.
+fn follow(viewer: &mut Viewer, ui: &Ui, pos: Pos2) -> bool {
+    let Some(drag) = &mut viewer.pointer.drag else { return false };
     let points = ui.ctx().pixels_per_point();
     let moved = (pos - drag.position) * points;
     drag.position = pos;
     if moved == egui::Vec2::ZERO {
-        return;
+        return false;
     }
     let (motion, moved, size) = (drag.motion, DVec2::new(moved.x.into(), moved.y.into()), viewer.view.size);
     match motion {
@@ -338,11 +345,16 @@ fn follow(viewer: &mut Viewer, ui: &Ui, pos: Pos2) {
             let to = pixel_position(ui, pos);
             viewer.drag_handle(number, handle, to - moved, to);
         }
+        DragMotion::Face(axis, is_greater) => {
+            let to = pixel_position(ui, pos);
+            viewer.drag_face((axis, is_greater), to - moved, to);
+        }
         DragMotion::Area(from) => {
             let to = [pos.x, pos.y].map(|place| (place * points).max(0.0) as u32);
             viewer.comparison.area = area_between(from, to, size);
         }
     }
+    motion == DragMotion::Stroke
 }
 
 /// The selection mode of a stroke that starts with these modifiers.
