@@ -182,7 +182,8 @@ fn tools_select_while_they_are_dragged() {
     }
     let polygon = Outline::Lasso(corners.map(|corner: [f32; 2]| DVec2::from(corner.map(f64::from))).to_vec());
     let inside = seen(&all, &view, &|place| polygon.contains(place)).len();
-    assert!(inside > 20 && counts(&mut offscreen).selected == inside, "{inside}");
+    let selected = counts(&mut offscreen).selected;
+    assert!(inside > 20 && selected == inside, "{selected} of {inside}, {:?}", offscreen.viewer().editing.polygon);
     // A face of the box follows the pointer.
     let viewer = offscreen.viewer();
     viewer.editing.tool = Tool::Box;
@@ -207,7 +208,8 @@ fn tools_select_while_they_are_dragged() {
         apart <= offscreen.session.viewer.editing.range[1]
     };
     let alike = (0..all.len()).filter(is_alike).count();
-    assert!(alike > 5 && counts(&mut offscreen).selected.abs_diff(alike) <= 1, "{alike}");
+    let selected = counts(&mut offscreen).selected;
+    assert!(alike > 5 && selected.abs_diff(alike) <= 1, "{selected} of {alike}");
     assert_eq!(generation(&offscreen), first, "nothing is brought to the GPU again");
 }
 

@@ -145,12 +145,13 @@ fn drop_hint(free: Rect, context: &Context) {
 /// The messages, in the lower left corner.
 fn messages(viewer: &mut Viewer, context: &Context) {
     let mut closed = None;
+    let errors = viewer.messages.shown().iter().filter(|message| message.is_error).count();
     let area = Area::new(MESSAGES.into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]);
+    // Notes go by themselves, and a click on one is meant for the picture below. Messages lie over the start page.
+    let area = area.interactable(errors > 0).order(egui::Order::Foreground);
     // Without this, egui would draw the first message of a session nearly transparent, until the next layout.
-    // Messages lie over the start page.
-    area.order(egui::Order::Foreground).fade_in(false).show(context, |ui| {
+    area.fade_in(false).show(context, |ui| {
         ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
-        let errors = viewer.messages.shown().iter().filter(|message| message.is_error).count();
         for (index, message) in viewer.messages.shown().iter().enumerate() {
             let colour = if message.is_error { ui.visuals().error_fg_color } else { ui.visuals().strong_text_color() };
             Frame::popup(ui.style()).show(ui, |ui| {
