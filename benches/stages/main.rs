@@ -6,6 +6,7 @@
 
 mod arrays;
 mod fast;
+mod marks;
 
 use std::cell::RefCell;
 use std::time::Duration;
@@ -65,6 +66,9 @@ fn main() -> Result<()> {
         run(&mut criterion, &device, pack(&device, integers, [1920, 1080 / scale])?, &mut rows)?;
     }
     for bench in arrays::benches(&device, (1 << 20) / scale as usize)? {
+        run(&mut criterion, &device, bench, &mut rows)?;
+    }
+    for bench in marks::benches(&device, 1_800_000 / scale as usize)? {
         run(&mut criterion, &device, bench, &mut rows)?;
     }
     if let Some(fast) = fast::Fast::new(&device, (1 << 20) / scale)? {

@@ -93,7 +93,7 @@ pub(super) fn tile_bits(tiles: u32) -> u32 {
 }
 
 /// The camera in f32, as the shaders read it. The vectors that decide a depth come in two parts, high and low.
-pub(crate) fn view(camera: &Camera, near: f32) -> View {
+pub fn view(camera: &Camera, near: f32) -> View {
     let split = |v: DVec3| (v.as_vec3().to_array(), (v - DVec3::from(v.as_vec3())).as_vec3().to_array());
     let (forward, forward_low) = split(camera.forward());
     let (position_high, position_low) = split(camera.position);

@@ -82,7 +82,7 @@ pub use capacity::Capacity;
 #[doc(hidden)]
 pub use fast::{BLOCK_FORMS, BinGrid, BlockForm, FastPipeline, FastWorkspace, flushes_denormals};
 #[doc(hidden)]
-pub use frame::{Shot, Target, Variation};
+pub use frame::{Shot, Target, Variation, view};
 pub(crate) use frame::{depth_bits, tiles};
 #[doc(hidden)]
 pub use frame_queue::{Finished, Form, FrameOutputs, FrameQueue, HostFrame, QueuedFrame};

@@ -138,11 +138,14 @@ fn by_value(viewer: &mut Viewer, ui: &mut Ui) {
                 let _ = ui.selectable_label(true, editing.property.name());
             }
         });
-        let [low, high] = &mut editing.range;
-        ui.label("from");
-        ui.add(DragValue::new(low).speed(0.005).range(0.0..=f32::MAX).max_decimals(6));
-        ui.label("to");
-        ui.add(DragValue::new(high).speed(0.005).range(0.0..=f32::MAX).max_decimals(6));
+    });
+    ui.horizontal(|ui| {
+        for (name, value) in ["from", "to"].iter().zip(&mut viewer.editing.range) {
+            ui.label(*name);
+            // In steps that suit numbers of any size.
+            let speed = f64::from(*value).clamp(1e-5, 1e3) * 0.01;
+            ui.add(DragValue::new(value).speed(speed).range(0.0..=f32::MAX).custom_formatter(|v, _| short(v as f32)));
+        }
     });
     let known = viewer.editing.values.as_ref().filter(|values| values.property == viewer.editing.property);
     let dragged = known.and_then(|values| histogram(&values.histogram, &mut viewer.editing.range, ui));
