@@ -82,7 +82,7 @@ pub(super) struct Args {
     photographs: Option<PathBuf>,
     /// Size of the window in pixels
     ///
-    /// By default 1280x720 points, which are more pixels where the screen is scaled.
+    /// By default that of the last window; at first 1280x720 points, which are more pixels where the screen is scaled.
     #[arg(long, help_heading = WINDOW, value_name = "WxH", value_parser = values::size)]
     size: Option<[u32; 2]>,
     /// R,G,B (0 to 1), #rrggbb, black, grey or white

@@ -30,6 +30,8 @@
 //! **`prune`.** The contribution of each Gaussian to pictures, and bounds on pictures without some.
 //! -> `portable`, `readback`
 //!
+//! **`marks`.** Gaussians that are left out of pictures or selected, as bits on the device. -> `scene`, `frame`
+//!
 //! **`pages`.** The pages in view, the list of pages that a dispatch draws, and their projection.
 //! -> `fast`, `inspect`
 //!

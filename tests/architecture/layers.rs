@@ -41,7 +41,7 @@ const EDGES: [(&str, &str); 23] = [
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
-const RENDER_ROOMS: [(&str, &str); 25] = [
+const RENDER_ROOMS: [(&str, &str); 26] = [
     ("shaders", ""),
     ("readback", ""),
     ("pack", "shaders"),

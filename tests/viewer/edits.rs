@@ -132,6 +132,11 @@ fn what_is_selected_in_the_picture_is_deleted_and_comes_back() {
     assert_eq!(generation(&offscreen), made, "nothing is brought to the GPU again");
 }
 
+/// A number as messages write it.
+fn in_words(number: usize) -> String {
+    if number < 1000 { number.to_string() } else { format!("{},{:03}", number / 1000, number % 1000) }
+}
+
 /// Tools select while they are dragged, and go back where the drag is cancelled. Nothing is uploaded again.
 #[test]
 fn tools_select_while_they_are_dragged() {
@@ -170,6 +175,8 @@ fn tools_select_while_they_are_dragged() {
         assert!(drawn(&offscreen) != before);
         press(&mut offscreen, Key::Z, Modifiers::COMMAND);
         assert_eq!(counts(&mut offscreen), Counts::default(), "{tool:?}: one step");
+        let said = offscreen.viewer().messages.shown().last().unwrap().text.clone();
+        assert_eq!(said, format!("undone: 0 selected, from {}", in_words(selected)));
         assert!(drawn(&offscreen) == before);
     }
     let view = offscreen.viewer().view.camera();

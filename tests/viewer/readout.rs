@@ -288,7 +288,21 @@ fn a_window_keeps_what_was_opened() {
     assert!(!offscreen.viewer().panels.dialog.is_open());
     offscreen.viewer().drop_file(&scene);
     offscreen.settle().unwrap();
-    assert_eq!(RecentState::read(&state).files, [scene]);
+    assert_eq!(RecentState::read(&state).files, [scene.clone()]);
+    // A click on its title closes the first section, also in the next window.
+    let pos = pos2(330.0, 56.0);
+    for pressed in [true, false] {
+        let button = PointerButton::Primary;
+        let click = Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
+        frame(&mut offscreen, vec![Event::PointerMoved(pos), click]);
+    }
+    offscreen.settle().unwrap();
+    offscreen.viewer().save_recent_state();
+    let setup = Setup { scenes: vec![scene], ..offscreen.viewer().setup.clone() };
+    let mut next = Offscreen::new(setup, &gpu.0, [640, 400]).unwrap();
+    next.settle().unwrap();
+    let closed: Vec<&str> = next.viewer().panels.recent.closed.iter().map(String::as_str).collect();
+    assert_eq!(closed, ["Scenes"]);
 }
 
 /// A first view that there is not is said.

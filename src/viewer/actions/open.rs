@@ -8,8 +8,8 @@ use crate::camera::CameraFile;
 use crate::formats::{LOD_META, Reading, in_folder};
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::model::{
-    CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Origin, Photographs, PictureOf,
-    Reporter, SecondPicture, Start, Viewer, holds_photographs, is_project,
+    CAMERAS, CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Origin, PICTURES,
+    Photographs, PictureOf, Reporter, SecondPicture, Start, Viewer, holds_photographs, is_project,
 };
 
 /// The path of typed or pasted text, which may have surrounding spaces, quotes, file://, or ~ for the home folder. An
@@ -148,10 +148,11 @@ impl Viewer {
             return self.open(path, Reading::default());
         }
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        match extension.to_str() {
-            Some("json" | "bin" | "txt") => self.open_cameras(path),
-            Some("png" | "exr" | "npy" | "jpg" | "jpeg") => self.compare_with_picture(path),
-            _ => self.open(path, Reading::default()),
+        let is_one_of = |all: &[&str]| all.iter().any(|one| *one == extension);
+        match () {
+            () if is_one_of(&CAMERAS) => self.open_cameras(path),
+            () if is_one_of(&PICTURES) => self.compare_with_picture(path),
+            () => self.open(path, Reading::default()),
         }
     }
 

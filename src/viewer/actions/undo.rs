@@ -31,7 +31,9 @@ impl Viewer {
     /// step.
     pub fn record_undo_step(&mut self) {
         let now = self.state();
-        if let Some(before) = self.editing.undo.current.take().filter(|before| before.difference(&now).is_some()) {
+        if let Some(before) =
+            self.editing.undo.current.take().filter(|before| before.difference(&now, |_| String::new()).is_some())
+        {
             self.editing.undo.done.push(before);
             self.editing.undo.undone.clear();
             self.editing.undo.limit(STEPS);
@@ -49,7 +51,8 @@ impl Viewer {
             let what = if forward { "there is nothing to redo" } else { "there is nothing to undo" };
             return self.messages.note(what);
         };
-        let what = now.difference(&wanted).unwrap_or("the view");
+        let name = |number| self.scenes.layer(number).map_or_else(String::new, |layer| layer.name.clone());
+        let what = now.difference(&wanted, name).unwrap_or_else(|| "the view".to_owned());
         to.push(now);
         self.restore(&wanted);
         self.editing.undo.current = Some(self.state());

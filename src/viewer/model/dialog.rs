@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use egui::Align2;
 use egui_file_dialog::{DialogState, FileDialog};
 
 use crate::formats::{FORMATS, Format, labels};
@@ -30,12 +31,20 @@ pub enum DialogResult {
 
 impl Default for Dialog {
     fn default() -> Self {
+        let all = [&scenes()[..], &CAMERAS, &PICTURES].concat();
         let open = FileDialog::new()
             .title("Open scenes, cameras or a picture to compare with")
-            .add_file_filter_extensions("Scenes", extensions())
-            .default_file_filter("Scenes")
+            .add_file_filter_extensions("All that can be opened", all)
+            .add_file_filter_extensions("Scenes", scenes())
+            .add_file_filter_extensions("Cameras and projects", CAMERAS.to_vec())
+            .add_file_filter_extensions("Pictures", PICTURES.to_vec())
+            .default_file_filter("All that can be opened")
+            .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
             .as_modal(true);
-        let save = FileDialog::new().allow_path_edit_to_save_file_without_extension(true).as_modal(true);
+        let save = FileDialog::new()
+            .allow_path_edit_to_save_file_without_extension(true)
+            .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
+            .as_modal(true);
         Self { open, save, target: SaveTarget::Project }
     }
 }
@@ -72,8 +81,12 @@ impl Dialog {
     }
 }
 
+/// The extensions of camera files and projects, and of pictures.
+pub const CAMERAS: [&str; 3] = ["json", "bin", "txt"];
+pub const PICTURES: [&str; 5] = ["png", "exr", "npy", "jpg", "jpeg"];
+
 /// The last extensions of all scene files.
-fn extensions() -> Vec<&'static str> {
+fn scenes() -> Vec<&'static str> {
     let mut all: Vec<&str> = FORMATS.iter().map(|format| format.name.rsplit('.').next().unwrap_or_default()).collect();
     all.sort_unstable();
     all.dedup();

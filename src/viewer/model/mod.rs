@@ -60,7 +60,7 @@ mod viewer;
 pub use comparison::{CompareMode, CompareTarget};
 pub(crate) use comparison::{Comparison, PictureContent, PictureOf, SecondPicture, covered, fitted, over};
 pub(crate) use contributions::{Contributions, MIN_VISIBLE};
-pub(crate) use dialog::{DialogResult, SaveTarget};
+pub(crate) use dialog::{CAMERAS, DialogResult, PICTURES, SaveTarget};
 pub use drag::Tool;
 pub(crate) use drag::{Drag, DragMotion, Handle, ToolStroke};
 pub use edit::{Change, Counts, Property, Selection};

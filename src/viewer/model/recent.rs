@@ -1,5 +1,6 @@
 //! The state kept from one window to the next: recent files, and the appearance of the panels.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
@@ -46,6 +47,10 @@ pub struct RecentState {
     pub shows_cameras: bool,
     /// The axes and a grid are drawn over the picture.
     pub shows_guides: bool,
+    /// Sections of the panels that are closed, by their titles.
+    pub closed: BTreeSet<String>,
+    /// Width and height of the last window in pixels, unless it filled the screen.
+    pub size: Option<[u32; 2]>,
 }
 
 /// Most recent files.
@@ -89,7 +94,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("state").join("viewer.json");
         assert_eq!(RecentState::read(&file), RecentState::default());
-        let mut state = RecentState { tab: Tab::Inside, is_light: true, ..RecentState::default() };
+        let closed = BTreeSet::from(["Memory".to_owned()]);
+        let mut state =
+            RecentState { tab: Tab::Inside, is_light: true, closed, size: Some([640, 480]), ..RecentState::default() };
         (0..MAX_FILES + 3).for_each(|i| state.add(Path::new(&format!("/scenes/{i}.ply"))));
         state.add(Path::new("/scenes/9.ply"));
         let recent: Vec<_> = state.files.iter().map(|path| path.file_stem().unwrap().to_str().unwrap()).collect();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::edit::Edit;
 use super::layers::Placement;
 use crate::camera::{Camera, Timeline};
-use crate::options::Options;
+use crate::options::{KNOBS, Options};
 use crate::rules::Background;
 
 /// Most bytes of edits in the undo states.
@@ -68,23 +68,54 @@ pub struct UndoState {
 }
 
 impl UndoState {
-    /// Names the first difference; `None` if the states are equal.
-    pub fn difference(&self, other: &Self) -> Option<&'static str> {
+    /// Names the first difference of the state that comes from this one; `None` if they are equal. `name` is the name
+    /// of a layer.
+    pub fn difference(&self, next: &Self, name: impl Fn(u64) -> String) -> Option<String> {
         let Self { view, options, background, timeline, placements, edits } = self;
-        let are_edited = edits.iter().zip(&other.edits).any(|(one, other)| match (&one.1, &other.1) {
+        let are_open =
+            placements.iter().map(|(number, ..)| number).eq(next.placements.iter().map(|(number, ..)| number));
+        let placed = placements.iter().zip(&next.placements).find(|(one, other)| one != other);
+        let are_edited = edits.iter().zip(&next.edits).any(|(one, other)| match (&one.1, &other.1) {
             (Some(one), Some(other)) => !Arc::ptr_eq(one, other),
             (one, other) => one.is_some() != other.is_some(),
         });
-        let are_open =
-            placements.iter().map(|(number, ..)| number).eq(other.placements.iter().map(|(number, ..)| number));
-        match () {
-            () if are_open && *placements != other.placements => Some("the placement of scenes"),
-            () if are_open && are_edited => Some("the selection, or what is hidden or deleted"),
-            () if *timeline != other.timeline => Some("the path"),
-            () if *options != other.options => Some("the options"),
-            () if background.colour() != other.background.colour() => Some("the background"),
-            () if *view != other.view => Some("the view"),
-            () => None,
+        let turned = KNOBS.iter().filter(|knob| (knob.get)(options) != (knob.get)(&next.options));
+        let turned: Vec<&str> = turned.map(|knob| knob.name).collect();
+        match (placed, &turned[..]) {
+            (Some(((number, before, _), (_, after, _))), _) if are_open => {
+                let what = if before == after { "whether it is shown" } else { "the placement" };
+                Some(format!("{what}: {}", name(*number)))
+            }
+            _ if are_open && are_edited => Some(self.edited(next)),
+            _ if *timeline != next.timeline => {
+                Some(format!("the path: {} keys, from {}", next.timeline.keys().len(), timeline.keys().len()))
+            }
+            (_, [knob]) => Some(format!("the option {knob}")),
+            (_, [_, _, ..]) => Some(format!("the options {}", turned.join(", "))),
+            _ if *options != next.options => Some("the options".to_owned()),
+            _ if background.colour() != next.background.colour() => Some("the background".to_owned()),
+            _ if *view != next.view => Some("the view".to_owned()),
+            _ => None,
+        }
+    }
+
+    /// The numbers of Gaussians that the edits of the next state change.
+    fn edited(&self, next: &Self) -> String {
+        let [before, after] = [self, next].map(|state| {
+            let counts = state.edits.iter().filter_map(|(_, edit)| edit.as_ref()).map(|edit| edit.counts());
+            counts.fold([0; 3], |sum, one| {
+                let one = [one.selected, one.hidden, one.deleted];
+                std::array::from_fn(|i| sum[i] + one[i])
+            })
+        });
+        let count = |number: usize| indicatif::HumanCount(number as u64);
+        let changed = ["selected", "hidden", "deleted"].into_iter().zip(before.into_iter().zip(after));
+        let changed = changed.filter(|(_, (before, after))| before != after);
+        let text: Vec<String> =
+            changed.map(|(name, (before, after))| format!("{} {name}, from {}", count(after), count(before))).collect();
+        match text.is_empty() {
+            true => "other Gaussians selected, hidden or deleted".to_owned(),
+            false => text.join("; "),
         }
     }
 }

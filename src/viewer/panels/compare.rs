@@ -1,7 +1,8 @@
 //! The page Compare: the second picture, the way to show both, and the numbers of their difference.
 
-use egui::{DragValue, Slider, Ui};
+use egui::{DragValue, Grid, Slider, Ui};
 
+use super::quality::preset_buttons;
 use crate::options::Options;
 use crate::viewer::model::{Action, CompareMode, CompareTarget, Pair, PairDifference, PictureOf, Viewer};
 
@@ -10,9 +11,10 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         let comparison = &mut viewer.comparison;
         ui.selectable_value(&mut comparison.target, CompareTarget::Nothing, "nothing");
         ui.selectable_value(&mut comparison.target, CompareTarget::Options(None), "other scenes")
-            .on_hover_text("each scene then has a second check box, for the second picture");
-        for (name, preset) in &Options::PRESETS {
-            ui.selectable_value(&mut comparison.target, CompareTarget::Options(Some(*preset)), *name);
+            .on_hover_text("each picture then has scenes of its own");
+        let is_chosen = |preset: &Options| comparison.target == CompareTarget::Options(Some(*preset));
+        if let Some(preset) = preset_buttons(ui, is_chosen) {
+            comparison.target = CompareTarget::Options(Some(preset));
         }
         if comparison.picture.as_ref().is_some_and(|picture| matches!(picture.of, PictureOf::File(_))) {
             ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "picture");
@@ -25,6 +27,21 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             viewer.compare_with_photographs();
         }
     });
+    if matches!(viewer.comparison.target, CompareTarget::Options(_)) && viewer.scenes.layers.len() > 1 {
+        Grid::new("sets").num_columns(3).show(ui, |ui| {
+            for title in ["first", "second"] {
+                ui.weak(title);
+            }
+            ui.end_row();
+            for layer in &mut viewer.scenes.layers {
+                for is_shown in &mut layer.is_shown {
+                    ui.checkbox(is_shown, "");
+                }
+                ui.label(&layer.name);
+                ui.end_row();
+            }
+        });
+    }
     let comparison = &mut viewer.comparison;
     let is_loading = comparison.is_loading;
     ui.horizontal(|ui| {

@@ -35,10 +35,10 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         "Selections leave out Gaussians that have less than 1/255 of the light of every pixel: what is hidden by \
          others, or too faint",
     );
-    section(ui, "Selection", |ui| selection(viewer, ui));
-    section(ui, "Select by value", |ui| by_value(viewer, ui));
-    section(ui, "Select by box", |ui| by_box(viewer, ui));
-    section(ui, "Save", |ui| {
+    section(viewer, ui, "Selection", selection);
+    section(viewer, ui, "Select by value", by_value);
+    section(viewer, ui, "Select by box", by_box);
+    section(viewer, ui, "Save", |viewer, ui| {
         ui.label("The scenes that are shown, where they are placed, without what is deleted. Hidden ones are saved.");
         ui.horizontal(|ui| {
             if ui.button("Save the scene...").clicked() {

@@ -37,9 +37,7 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     }
     // A header or a button with the keyboard focus takes no letters.
     let is_typing = ui.ctx().text_edit_focused();
-    if !is_typing {
-        keys(viewer, ui);
-    }
+    keys(viewer, ui, is_typing);
     let step = |goes_on: bool| seconds.min(if goes_on { LONGEST_STEP } else { FIRST_STEP });
     viewer.view.is_flying = !is_typing && fly(viewer, ui, step(viewer.view.is_flying));
     let is_gliding = viewer.view.navigator.advance(step(was_gliding));
@@ -81,6 +79,15 @@ fn pressed(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
     presses(viewer, ui, action, false) > 0
 }
 
+/// As [`pressed`]; while text is typed, only a function key counts, which types nothing.
+fn pressed_in(viewer: &Viewer, ui: &Ui, action: Action, is_typing: bool) -> bool {
+    let is_function_key = match viewer.setup.bindings.chord(action) {
+        Chord::Key(shortcut) => (Key::F1..=Key::F35).contains(&shortcut.logical_key),
+        Chord::LoadedScene(_) => false,
+    };
+    (is_function_key || !is_typing) && pressed(viewer, ui, action)
+}
+
 /// True while the key of an action is held.
 fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
     ui.input(|input| match viewer.setup.bindings.chord(action) {
@@ -89,7 +96,17 @@ fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
     })
 }
 
-fn keys(viewer: &mut Viewer, ui: &mut Ui) {
+fn keys(viewer: &mut Viewer, ui: &mut Ui, is_typing: bool) {
+    // Before the action that has the same key without Shift.
+    if pressed_in(viewer, ui, Action::CopyPicture, is_typing) {
+        viewer.requests.push(Request::CopyPicture);
+    }
+    if pressed_in(viewer, ui, Action::Screenshot, is_typing) {
+        viewer.requests.push(Request::WritePicture);
+    }
+    if is_typing {
+        return;
+    }
     // egui turns the usual clipboard keys into events of their own.
     let clipboard = ui.input(|input| input.events.clone());
     for event in clipboard {
@@ -137,13 +154,6 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.cancel_stroke();
         viewer.inspector.marks.clear();
         viewer.inspector.clear_explanation();
-    }
-    // Before the action that has the same key without Shift.
-    if pressed(viewer, ui, Action::CopyPicture) {
-        viewer.requests.push(Request::CopyPicture);
-    }
-    if pressed(viewer, ui, Action::Screenshot) {
-        viewer.requests.push(Request::WritePicture);
     }
     (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
     (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));

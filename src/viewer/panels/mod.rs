@@ -122,23 +122,30 @@ fn speed(viewer: &mut Viewer, ui: &mut Ui) {
 fn page(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     match viewer.panels.recent.tab {
         Tab::Scene => {
-            section(ui, "Scenes", |ui| scenes::show(viewer, pair, ui));
-            section(ui, "View", |ui| view::show(viewer, ui));
-            section(ui, "GPU time", |ui| gpu_time::show(viewer, pair, ui));
+            section(viewer, ui, "Scenes", |viewer, ui| scenes::show(viewer, pair, ui));
+            section(viewer, ui, "View", view::show);
+            section(viewer, ui, "GPU time", |viewer, ui| gpu_time::show(viewer, pair, ui));
         }
-        Tab::Quality => {
-            section(ui, "Quality and speed", |ui| quality::show(viewer, pair, ui));
-        }
+        Tab::Quality => section(viewer, ui, "Quality and speed", |viewer, ui| quality::show(viewer, pair, ui)),
         Tab::Inside => {
-            section(ui, "View mode", |ui| inspection::show(viewer, pair, ui));
-            section(ui, "Memory", |ui| gpu_time::memory(pair, ui));
+            section(viewer, ui, "View mode", |viewer, ui| inspection::show(viewer, pair, ui));
+            section(viewer, ui, "Memory", |_, ui| gpu_time::memory(pair, ui));
         }
-        Tab::Compare => section(ui, "Compare", |ui| compare::show(viewer, pair, ui)),
-        Tab::Path => section(ui, "Path and files", |ui| film::show(viewer, ui)),
+        Tab::Compare => section(viewer, ui, "Compare", |viewer, ui| compare::show(viewer, pair, ui)),
+        Tab::Path => section(viewer, ui, "Path and files", film::show),
         Tab::Edit => edit::show(viewer, ui),
     }
 }
 
-fn section(ui: &mut Ui, title: &str, add: impl FnOnce(&mut Ui)) {
-    egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(true).show(ui, add);
+/// A section that can be closed. The next window has it as it was left.
+fn section(viewer: &mut Viewer, ui: &mut Ui, title: &str, add: impl FnOnce(&mut Viewer, &mut Ui)) {
+    let is_open = !viewer.panels.recent.closed.contains(title);
+    let header = egui::CollapsingHeader::new(RichText::new(title).strong()).default_open(is_open);
+    let response = header.show(ui, |ui| add(viewer, ui)).header_response;
+    if response.clicked() {
+        match is_open {
+            true => drop(viewer.panels.recent.closed.insert(title.to_owned())),
+            false => drop(viewer.panels.recent.closed.remove(title)),
+        }
+    }
 }

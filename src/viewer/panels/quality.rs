@@ -3,6 +3,7 @@
 use egui::{ComboBox, DragValue, Grid, ProgressBar, RichText, Ui};
 
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
+use crate::rules::Rules;
 use crate::viewer::jobs::{ALL_KNOBS, KnobCost};
 use crate::viewer::model::{Measurement, Pair, Purpose, RateControl, Request, Viewer};
 
@@ -24,23 +25,28 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
                 None => measured != *options,
             })
     };
-    Grid::new("knobs").num_columns(3).striped(true).show(ui, |ui| {
+    Grid::new("knobs").num_columns(2).striped(true).show(ui, |ui| {
         let mut row = |name: &str, help: &str, add: &mut dyn FnMut(&mut Ui, &mut Options)| {
-            ui.label(name).on_hover_text(help);
-            add(ui, options);
-            if let Some(cost) = cost(name) {
-                let (brief, whole) = described(cost, exact_ms);
-                let text = RichText::new(brief).small();
-                match is_old(name, options) {
-                    true => ui.label(text.weak().strikethrough()).on_hover_text("measured of other settings"),
-                    false => ui.label(text).on_hover_text(whole),
-                };
-            }
+            ui.label(in_words(name)).on_hover_text(help);
+            // The cost is below the value, so that the panel has room for both.
+            ui.vertical(|ui| {
+                add(ui, options);
+                if let Some(cost) = cost(name) {
+                    let (brief, whole) = described(cost, exact_ms);
+                    match is_old(name, options) {
+                        true => ui
+                            .label(RichText::new(brief).weak().strikethrough())
+                            .on_hover_text("measured of other settings"),
+                        false => ui.label(brief).on_hover_text(whole),
+                    };
+                }
+            });
             ui.end_row();
         };
         // The near plane is in the view panel.
         for knob in KNOBS.iter().filter(|knob| knob.name != "near" && (is_paged || !knob.is_of_levels())) {
-            row(knob.name, knob.help, &mut |ui, options| edit(ui, knob, options));
+            let help = format!("{}\n\n--{}", knob.help, knob.name);
+            row(knob.name, &help, &mut |ui, options| edit(ui, knob, options));
         }
         if exact_ms.is_some() {
             row(ALL_KNOBS, "All of these settings together", &mut |ui, _| drop(ui.label("")));
@@ -61,6 +67,13 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         }
     }
     budget(viewer, pair, ui);
+}
+
+/// The name of a knob in words.
+fn in_words(name: &str) -> String {
+    let words: Vec<&str> = name.split('-').map(|word| if word == "sh" { "SH" } else { word }).collect();
+    let text = words.join(" ");
+    text[..1].to_uppercase() + &text[1..]
 }
 
 /// The frame rate to keep.
@@ -144,13 +157,33 @@ fn choice(ui: &mut Ui, id: &str, name: &mut &'static str, all: impl Iterator<Ite
 
 fn presets(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
-        for (name, preset) in &Options::PRESETS {
-            let wanted = viewer.preset(preset);
-            if ui.selectable_label(viewer.options == wanted, *name).clicked() {
-                viewer.options = wanted;
-            }
+        let is_chosen = |preset: &Options| viewer.options == viewer.preset(preset);
+        if let Some(preset) = preset_buttons(ui, is_chosen) {
+            viewer.options = viewer.preset(&preset);
         }
     });
+}
+
+/// A button for each preset; those with the rules of other renderers, and the portable path, are in a menu. Returns the
+/// preset that was clicked.
+pub(super) fn preset_buttons(ui: &mut Ui, is_chosen: impl Fn(&Options) -> bool) -> Option<Options> {
+    let trained = Options::EXACT.rules;
+    let has_trained_rules = |rules: Rules| Rules { alpha_min: trained.alpha_min, ..rules } == trained;
+    let is_usual = |options: &Options| has_trained_rules(options.rules) && !options.portable;
+    let (usual, others): (Vec<_>, Vec<_>) = Options::PRESETS.iter().partition(|(_, options)| is_usual(options));
+    let mut clicked = None;
+    let mut button = |ui: &mut Ui, (name, options): &(&str, Options)| {
+        if ui.selectable_label(is_chosen(options), *name).clicked() {
+            clicked = Some(*options);
+            ui.close();
+        }
+    };
+    usual.into_iter().for_each(|preset| button(ui, preset));
+    let chosen = others.iter().find(|(_, options)| is_chosen(options));
+    let title = chosen.map_or_else(|| "others ⏷".to_owned(), |(name, _)| format!("{name} ⏷"));
+    let menu = ui.menu_button(title, |ui| others.into_iter().for_each(|preset| button(ui, preset)));
+    menu.response.on_hover_text("The rules of other renderers, and the path that runs on every device");
+    clicked
 }
 
 fn budget(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {

@@ -6,14 +6,13 @@ use egui::{DragValue, Ui};
 use indicatif::HumanCount as count;
 
 use crate::render::{Path, Residency};
-use crate::viewer::model::{Action, CompareTarget, Layer, Pair, Viewer};
+use crate::viewer::model::{Action, Layer, Pair, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
-    let has_second = matches!(viewer.comparison.target, CompareTarget::Options(_));
     let mut request = None;
     for layer in &mut viewer.scenes.layers {
         ui.push_id(layer.number, |ui| {
-            if let Some(what) = show_layer(layer, has_second, ui) {
+            if let Some(what) = show_layer(layer, ui) {
                 request = Some((what, layer.number));
             }
         });
@@ -30,7 +29,15 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             ui.add(egui::TextEdit::singleline(&mut path).hint_text("file or cactus:100000").desired_width(170.0));
         let entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
         if entered && !path.is_empty() {
-            viewer.drop_file(&PathBuf::from(std::mem::take(&mut path)));
+            viewer.drop_file(&PathBuf::from(&path));
+            ui.data_mut(|data| data.insert_temp(id, true));
+        }
+        // What cannot be opened stays, to be mended.
+        if ui.data(|data| data.get_temp(id)).unwrap_or(false) && !viewer.scenes.are_loading() {
+            ui.data_mut(|data| data.remove::<bool>(id));
+            if !viewer.messages.shown().iter().any(|message| message.is_error) {
+                path.clear();
+            }
         }
         let key = viewer.setup.bindings.text(Action::OpenFile);
         if ui.button("Open...").on_hover_text(format!("Choose files ({key})")).clicked() {
@@ -97,13 +104,10 @@ enum RowRequest {
 }
 
 /// The row of a layer.
-fn show_layer(layer: &mut Layer, has_second: bool, ui: &mut Ui) -> Option<RowRequest> {
+fn show_layer(layer: &mut Layer, ui: &mut Ui) -> Option<RowRequest> {
     let mut request = None;
     ui.horizontal(|ui| {
         ui.checkbox(&mut layer.is_shown[0], "").on_hover_text("show it");
-        if has_second {
-            ui.checkbox(&mut layer.is_shown[1], "").on_hover_text("show it in the second picture");
-        }
         ui.label(&layer.name).on_hover_text(&layer.summary);
         if layer.is_loaded && ui.small_button("go to").on_hover_text("move the view so that it is seen whole").clicked()
         {

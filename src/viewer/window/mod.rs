@@ -200,6 +200,10 @@ impl ApplicationHandler<Wake> for App {
         if let Some(open) = &mut self.window {
             // Wait for the frames in flight; a device lost now does not matter.
             let _ = open.session.retire_frames(true);
+            if open.window.fullscreen().is_none() && !open.window.is_maximized() {
+                let size = open.window.inner_size();
+                open.session.viewer.panels.recent.size = Some([size.width, size.height]);
+            }
             open.session.viewer.save_recent_state();
             open.session.viewer.events.emit(&open.session.closing());
         }

@@ -9,7 +9,7 @@ use winit::window::{Fullscreen, Window, WindowAttributes};
 
 use super::fault::Fault;
 use crate::gpu::{Device, DeviceChoice, Validation};
-use crate::viewer::model::Setup;
+use crate::viewer::model::{RecentState, Setup};
 
 /// Name of the program and of its entry in the menus of desktops.
 const NAME: &str = "smalto";
@@ -21,7 +21,7 @@ pub const DEFAULT_SIZE: [u32; 2] = [1280, 720];
 #[derive(Clone)]
 pub struct WindowSetup {
     pub viewer: Setup,
-    /// In pixels; `None` for [`DEFAULT_SIZE`].
+    /// In pixels; `None` for that of the last window, or else [`DEFAULT_SIZE`].
     pub size: Option<[u32; 2]>,
     pub is_full_screen: bool,
     pub device: DeviceChoice,
@@ -43,13 +43,19 @@ impl WindowSetup {
         Ok((self.with_pipeline_cache)(device))
     }
 
-    /// The attributes of the window. The default size fits on the monitor, where one is known.
+    /// The attributes of the window. Without a size, it has that of the last window or the default, if it fits on the
+    /// monitor, where one is known.
     pub(crate) fn attributes(&self, monitor: Option<&MonitorHandle>) -> WindowAttributes {
         let default = LogicalSize::<u32>::from(DEFAULT_SIZE);
-        let size = match (self.size, monitor) {
-            (Some(size), _) => Size::from(PhysicalSize::<u32>::from(size)),
-            (None, None) => default.into(),
-            (None, Some(monitor)) => fitting(default.to_physical(monitor.scale_factor()), monitor.size()).into(),
+        let last = self.viewer.recent_file.as_deref().and_then(|file| RecentState::read(file).size);
+        let last = last.filter(|size| size.iter().all(|side| *side > 0));
+        let size = match (self.size, last, monitor) {
+            (Some(size), ..) | (None, Some(size), None) => Size::from(PhysicalSize::<u32>::from(size)),
+            (None, None, None) => default.into(),
+            (None, last, Some(monitor)) => {
+                let wanted = last.map_or_else(|| default.to_physical(monitor.scale_factor()), PhysicalSize::from);
+                fitting(wanted, monitor.size()).into()
+            }
         };
         let attributes = Window::default_attributes()
             .with_title(NAME)
