@@ -1,8 +1,9 @@
 //! Derives scenes from others: a selection, another order, a lower SH degree, other axes.
 
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::harmonics::flip_sign;
+use super::harmonics::{C0, flip_sign};
 use super::{Gaussians, sh_coefficients};
 use crate::host_memory::{OutOfMemory, host_vec};
 
@@ -46,6 +47,22 @@ impl Gaussians {
         selected.opacities.extend(indices().map(|i| self.opacities[i]));
         indices().for_each(|i| selected.sh.extend_from_slice(self.sh(i)));
         Ok(selected)
+    }
+
+    /// The scene with a linear map of its colours, in every direction, and a factor on its opacities, which stay at most
+    /// 1. Computed in f64 and rounded once.
+    pub fn adjusted(mut self, colours: DMat3, opacity: f64) -> Self {
+        // A colour is 0.5 and the sum of the harmonics.
+        let offset = (colours * DVec3::splat(0.5) - 0.5) / C0;
+        self.sh.par_chunks_exact_mut(sh_coefficients(self.sh_degree)).for_each(|sh| {
+            for (i, coefficient) in sh.iter_mut().enumerate() {
+                let mapped = colours * DVec3::from(coefficient.map(f64::from));
+                *coefficient = (if i == 0 { mapped + offset } else { mapped }).to_array().map(|value| value as f32);
+            }
+        });
+        let changed = |own: f32| ((f64::from(own) * opacity) as f32).min(own.max(1.0));
+        self.opacities.par_iter_mut().for_each(|own| *own = changed(*own));
+        self
     }
 
     /// Removes the spherical harmonics above this degree.

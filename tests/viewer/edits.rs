@@ -313,6 +313,75 @@ fn gaussians_are_selected_by_place_and_value() {
     assert!(expected > 0);
 }
 
+/// What is separated is placed, coloured, saved and undone like a scene, and what was not touched keeps its bits.
+#[test]
+fn what_is_selected_becomes_a_scene_of_its_own() {
+    let gpu = Gpu::new();
+    let folder = tempfile::tempdir().unwrap();
+    let mut offscreen = editing(&gpu, &["cactus:1500"]);
+    let (all, first) = (gaussians(&offscreen), drawn(&offscreen));
+    let low = Selection::Box(DVec3::new(-1e6, -0.4, -1e6), DVec3::splat(1e6));
+    offscreen.viewer().select(&low, SelectionMode::Replace);
+    offscreen.settle().unwrap();
+    let is_low = |i: &u32| all.means()[*i as usize][1] >= -0.4;
+    let (part, rest): (Vec<u32>, Vec<u32>) = (0..all.len() as u32).partition(is_low);
+    assert!(part.len() > 50 && rest.len() > 50);
+    offscreen.viewer().separate(false);
+    offscreen.settle().unwrap();
+    let viewer = offscreen.viewer();
+    assert_eq!((viewer.scenes.layers.len(), viewer.scenes.layers[1].name.as_str()), (2, "cactus, part 1"));
+    assert_eq!(viewer.scenes.edit_counts(), Counts { selected: 0, hidden: 0, deleted: part.len() });
+    let layer = &mut offscreen.viewer().scenes.layers[1];
+    layer.placement.translation = [0.0, 0.0, 1.5];
+    layer.placement.rotation = [0.0, 30.0, 0.0];
+    layer.appearance =
+        serde_json::from_str(r#"{"tint": [1.0, 0.5, 0.25], "saturation": 0.5, "opacity": 0.75}"#).unwrap();
+    let transform = layer.placement.transform().unwrap();
+    let moved = layer.appearance.applied(all.selected(&part).unwrap().transformed(&transform).unwrap());
+    offscreen.viewer().pictures.are_stale = true;
+    frame(&mut offscreen, Vec::new());
+    offscreen.settle().unwrap();
+    let expected = Gaussians::joined([&all.selected(&rest).unwrap(), &moved].into_iter()).unwrap();
+    assert!(gaussians(&offscreen).means() == expected.means() && gaussians(&offscreen).all_sh() == expected.all_sh());
+    assert!(moved.opacities().iter().zip(&part).all(|(own, i)| *own == 0.75 * all.opacities()[*i as usize]));
+    let file = folder.path().join("both.ply");
+    offscreen.viewer().save_scene(&file);
+    offscreen.settle().unwrap();
+    let mut bytes = Vec::new();
+    SceneFile::Ply.write(&expected, false, &mut bytes).unwrap();
+    assert!(std::fs::read(&file).unwrap() == bytes, "saved as they are drawn; what was not touched has its bits");
+    let (_, left_out) = offscreen.viewer().command_line(smalto::viewer::Program::Render);
+    assert!(left_out.iter().any(|what| what.contains("colours")), "{left_out:?}");
+    // A project has the part.
+    let project = folder.path().join("parts.project.json");
+    offscreen.viewer().save_project(&project);
+    let mut other = editing(&gpu, &[project.to_str().unwrap()]);
+    assert_eq!(other.viewer().scenes.layers[1].name, "cactus, part 1");
+    assert!(drawn(&other) == drawn(&offscreen), "every bit of the picture");
+    // A part of a part.
+    other.viewer().scenes.layers[0].is_shown = [false; 2];
+    other.viewer().select(&Selection::Values(Property::Opacity, 0.0..=0.3), SelectionMode::Replace);
+    other.settle().unwrap();
+    let counted = other.viewer().scenes.edit_counts().selected;
+    other.viewer().separate(true);
+    other.viewer().scenes.layers[1].is_shown = [false; 2];
+    other.viewer().pictures.are_stale = true;
+    frame(&mut other, Vec::new());
+    other.settle().unwrap();
+    let faint: Vec<u32> = part.iter().copied().filter(|i| all.opacities()[*i as usize] <= 0.3).collect();
+    assert_eq!((gaussians(&other).len(), counted), (faint.len(), faint.len()));
+    other.viewer().save_project(&project);
+    let mut third = editing(&gpu, &[project.to_str().unwrap()]);
+    assert_eq!(gaussians(&third).means(), gaussians(&other).means());
+    assert_eq!(third.viewer().scenes.layers.len(), 3);
+    // Undone step by step, to the first picture.
+    for _ in 0..4 {
+        press(&mut offscreen, Key::Z, Modifiers::COMMAND);
+    }
+    assert_eq!(offscreen.viewer().scenes.edit_counts(), Counts::default());
+    assert!(drawn(&offscreen) == first, "every bit of the first picture");
+}
+
 /// Handles move a scene with the pointer, and three marks level it.
 #[test]
 fn a_scene_is_placed_by_handles_and_levelled_by_marks() {

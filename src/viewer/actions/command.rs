@@ -44,8 +44,12 @@ impl Viewer {
         if shown.iter().any(|layer| layer.placement != Placement::default()) {
             left_out.push("the placement of scenes".to_owned());
         }
-        if shown.iter().filter_map(|layer| layer.edit.as_deref()).any(Edit::leaves_out) {
+        let is_part = shown.iter().any(|layer| layer.part.is_some());
+        if is_part || shown.iter().filter_map(|layer| layer.edit.as_deref()).any(Edit::leaves_out) {
             left_out.push("what is hidden or deleted".to_owned());
+        }
+        if shown.iter().any(|layer| !layer.appearance.is_default()) {
+            left_out.push("the colours and opacities that were changed".to_owned());
         }
         words.extend(self.option_words());
         words.extend(self.camera_words(program, &mut left_out));

@@ -12,17 +12,17 @@ use crate::pagefile::write::Job;
 use crate::render::{Outline, SelectionMode};
 use crate::scene::{Gaussians, Scene};
 use crate::viewer::model::{
-    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, JobEvent, LoadedScene, Reporter, Request, Selecting,
-    Selection, Tool, ToolStroke, Viewer, needs_whole,
+    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, JobEvent, Layer, LoadedScene, PropertyValues,
+    Reporter, Request, Selecting, Selection, Tool, ToolStroke, Viewer, needs_whole,
 };
 
 /// Distance in pixels within which a click closes a polygon.
 const CLOSE_PX: f64 = 8.0;
 
 impl Viewer {
-    /// True while a job finds contributions for a selection.
+    /// True while a job finds what selections need.
     pub fn has_running_edits(&self) -> bool {
-        self.editing.finds_contributions
+        self.editing.is_finding
     }
 
     /// Selects Gaussians of the shown scenes.
@@ -41,7 +41,7 @@ impl Viewer {
 
     /// Stores contributions, and goes on with the selection that waits for them.
     pub fn handle_contributions(&mut self, waiting: Option<Selecting>, found: Result<Contributions>) {
-        self.editing.finds_contributions = false;
+        self.editing.is_finding = false;
         match found {
             Ok(found) => {
                 let found = Arc::new(found);
@@ -54,6 +54,18 @@ impl Viewer {
         }
     }
 
+    /// Stores values of a property, and goes on with the selection that waits for them.
+    pub fn handle_values(&mut self, waiting: Option<Selecting>, values: Result<PropertyValues>) {
+        self.editing.is_finding = false;
+        match values {
+            Ok(values) => {
+                self.editing.values = Some(values);
+                self.requests.extend(waiting.map(Request::Select));
+            }
+            Err(problem) => self.messages.error(format!("cannot compute values of Gaussians: {problem:#}")),
+        }
+    }
+
     /// Changes the sets of the Gaussians of all shown scenes.
     pub fn change(&mut self, change: Change) {
         for index in 0..self.scenes.layers.len() {
@@ -61,6 +73,33 @@ impl Viewer {
                 self.set_edit(index, Some(Arc::new(before.changed(change))));
             }
         }
+    }
+
+    /// Makes a scene of its own of what is selected of each shown scene, at the same place. The originals stay in their
+    /// scenes only if it `copies`. The handles then place the first new scene.
+    pub fn separate(&mut self, copies: bool) {
+        let before = self.scenes.layers.len();
+        for index in 0..before {
+            let Some(edit) = self.editable(index) else { continue };
+            let number = self.scenes.next_number();
+            let whole = &self.scenes.layers[index];
+            let parts = self.scenes.layers.iter().filter(|layer| layer.source == whole.source && layer.part.is_some());
+            let of = whole.source.name();
+            let part = Layer::part_of(whole, number, format!("{of}, part {}", parts.count() + 1));
+            match part {
+                Ok(Some(part)) => self.scenes.layers.push(part),
+                Ok(None) => continue,
+                Err(problem) => return self.messages.error(format!("nothing is separated: {problem:#}")),
+            }
+            let change = if copies { Change::SelectNone } else { Change::Delete };
+            self.set_edit(index, Some(Arc::new(edit.changed(change))));
+        }
+        let Some(first) = self.scenes.layers.get(before) else { return self.messages.note("nothing is selected") };
+        let what = if copies { "copied into" } else { "moved into" };
+        let text = format!("{what} a scene of its own: {}", first.name);
+        (self.editing.placed_layer, self.editing.tool) = (Some(first.number), Tool::Place);
+        self.pictures.are_stale = true;
+        self.messages.note(text);
     }
 
     /// The edit of a scene that is shown and loaded. A paged scene is refused with a message.
@@ -230,7 +269,7 @@ impl Viewer {
                 return self.messages.error(needs_whole("saving a scene"));
             };
             match layer.placement.transform() {
-                Ok(transform) => parts.push((whole, layer.edit.clone(), transform)),
+                Ok(transform) => parts.push((whole, layer.edit.clone(), transform, layer.appearance)),
                 Err(problem) => return self.messages.error(format!("{problem:#}")),
             }
         }
@@ -240,9 +279,9 @@ impl Viewer {
         let is_antialiased = self.scenes.layers.iter().any(|layer| layer.is_shown[0] && layer.is_antialiased);
         self.export.progress = Some(0.0);
         let work = move |reporter: &Reporter| {
-            let kept = parts.iter().map(|(whole, edit, transform)| {
+            let kept = parts.iter().map(|(whole, edit, transform, appearance)| {
                 let selected = edit.as_ref().map(|edit| whole.selected(&edit.kept())).transpose()?;
-                selected.as_ref().unwrap_or(whole).transformed(transform)
+                Ok(appearance.applied(selected.as_ref().unwrap_or(whole).transformed(transform)?))
             });
             let mut kept: Vec<Gaussians> = kept.collect::<Result<_>>()?;
             let gaussians = if kept.len() == 1 { kept.remove(0) } else { Gaussians::joined(kept.iter())? };

@@ -196,9 +196,9 @@ impl Viewer {
             self.scenes.layers[index].progress = None;
             return self.report_pending_reload(index);
         }
-        match scene {
-            Ok(scene) => {
-                let (loaded, remarks) = self.scenes.layers[index].set_opened(scene);
+        let opened = scene.and_then(|scene| self.scenes.layers[index].set_opened(scene));
+        match opened {
+            Ok((loaded, remarks)) => {
                 for remark in remarks.into_iter().filter(|_| !is_again) {
                     (self.setup.remark)(&remark);
                     self.messages.note(remark);

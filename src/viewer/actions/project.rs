@@ -44,6 +44,9 @@ impl Viewer {
             scale: layer.placement.scale,
             shown: layer.is_shown,
             edit: layer.edit.as_deref().map(Edit::to_runs).unwrap_or_default(),
+            part: layer.part.as_deref().map(Edit::to_runs).unwrap_or_default(),
+            name: layer.part.is_some().then(|| layer.name.clone()),
+            appearance: layer.appearance,
         };
         let (view, options, path) = (&self.view.camera(), &self.options, &self.film.timeline);
         let mut project = Project::new(&ProjectView { view, up: self.view.navigator.up(), options, path });
@@ -94,6 +97,11 @@ impl Viewer {
             let mut layer = Layer::open(number, source, Reading::default(), &self.jobs);
             (layer.placement, layer.is_shown, layer.project_edit) =
                 (scene.placement(), scene.shown, scene.edit.clone());
+            layer.appearance = scene.appearance;
+            if let Some(name) = &scene.name {
+                layer.name.clone_from(name);
+            }
+            layer.part = Edit::from_runs(&scene.part).filter(|part| part.gaussians() > 0).map(Arc::new);
             self.scenes.layers.push(layer);
         }
         self.scenes.project = Some(project);

@@ -1,23 +1,23 @@
 //! Undo and redo.
 
-use crate::viewer::model::{Undo, UndoState, Viewer};
+use crate::viewer::model::{Layer, LayerState, Undo, UndoState, Viewer};
 
 /// Most steps that can be undone.
 const STEPS: usize = 1000;
 
 impl Viewer {
     fn state(&self) -> UndoState {
+        let layer = |layer: &Layer| {
+            let Layer { number, placement, appearance, is_shown, .. } = *layer;
+            LayerState { number, placement, appearance, is_shown }
+        };
         UndoState {
             view: self.view.navigator.own_camera().clone(),
             options: self.options,
             background: self.view.background,
             timeline: self.film.timeline.clone(),
-            placements: self
-                .scenes
-                .layers
-                .iter()
-                .map(|layer| (layer.number, layer.placement, layer.is_shown))
-                .collect(),
+            layers: self.scenes.layers.iter().map(layer).collect(),
+            parts: self.scenes.layers.iter().filter(|layer| layer.part.is_some() && layer.is_shown[0]).count(),
             edits: self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect(),
         }
     }
@@ -60,15 +60,21 @@ impl Viewer {
     }
 
     fn restore(&mut self, wanted: &UndoState) {
-        let UndoState { view, options, background, timeline, placements, edits } = wanted;
+        let UndoState { view, options, background, timeline, layers, parts: _, edits } = wanted;
         if self.view.navigator.own_camera() != view {
             self.view.snap(view);
         }
         (self.options, self.view.background, self.film.timeline) = (*options, *background, timeline.clone());
         self.film.is_playing = false;
         for layer in &mut self.scenes.layers {
-            if let Some((_, placement, is_shown)) = placements.iter().find(|(number, ..)| *number == layer.number) {
-                (layer.placement, layer.is_shown) = (*placement, *is_shown);
+            match layers.iter().find(|state| state.number == layer.number) {
+                Some(state) => {
+                    (layer.placement, layer.appearance, layer.is_shown) =
+                        (state.placement, state.appearance, state.is_shown);
+                }
+                // It was separated later; redo shows it again.
+                None if layer.part.is_some() => layer.is_shown = [false; 2],
+                None => {}
             }
         }
         for index in 0..self.scenes.layers.len() {

@@ -31,7 +31,8 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
             }
         }
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),
-        JobEvent::Contributions(selection, found) => viewer.handle_contributions(selection, found),
+        JobEvent::Contributions(waiting, found) => viewer.handle_contributions(waiting, found),
+        JobEvent::Values(waiting, values) => viewer.handle_values(waiting, values),
         JobEvent::Changed(number, changed) => viewer.handle_change(number, changed),
         JobEvent::Cameras(path, origin, cameras) => viewer.handle_cameras(&path, origin, cameras),
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),

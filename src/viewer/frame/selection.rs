@@ -43,6 +43,12 @@ impl Session {
             };
             selecting.contributions = Some(known);
         }
+        if let Selection::Values(property, _) = selecting.selection
+            && !self.has_values(&plan, property, selecting.contributions.as_ref())
+        {
+            self.start_values(plan, property, selecting.contributions.clone(), Some(selecting));
+            return Ok(None);
+        }
         self.apply_edits(Some(true))?;
         self.select_now(&plan, &selecting)?;
         let Counts { selected, .. } = self.viewer.scenes.edit_counts();
@@ -58,22 +64,19 @@ impl Session {
         let (figure, near) = (selection.figure(), self.viewer.options.rules.near);
         let view = contributions.as_ref().map_or_else(|| self.viewer.view.camera(), |found| found.content.view.clone());
         let least = if self.viewer.editing.only_visible { MIN_VISIBLE } else { 0.0 };
-        if let Selection::Values(property, _) = selection {
-            self.make_values(plan, *property, contributions.as_ref())?;
-        }
         let Some(first) = &mut self.pair.first else { return Ok(()) };
         let is_through_lens = matches!(selection, Selection::Outline(_)) && view.lens.is_some();
         let counts = plan.scenes.iter().map(|drawn| drawn.scene.count());
         let begins = counts.clone().scan(0, |next, count| Some(std::mem::replace(next, *next + count)));
         let edits: Vec<Edit> = if first.scene.is_paged() || is_through_lens {
             // Pages have no marks, and the device knows no lenses.
+            let values = self.viewer.editing.values.as_ref().map(|values| values.all().0);
             let mut edits = Vec::new();
             for (drawn, begin) in plan.scenes.iter().zip(begins) {
                 let whole = drawn.whole()?;
                 let contribution = |i: usize| contributions.as_ref().map_or(0.0, |found| found.all[begin + i]);
                 let value = |i: usize| match selection {
-                    Selection::Values(Property::Contribution, _) => contribution(i),
-                    Selection::Values(property, _) => property.value(&whole, i),
+                    Selection::Values(..) => values.map_or(0.0, |values| values[begin + i]),
                     _ => 0.0,
                 };
                 let centre = |i: usize| drawn.transform.point(DVec3::from(whole.means()[i].map(f64::from)));
@@ -90,7 +93,7 @@ impl Session {
             let aim = Aim {
                 view: &view,
                 near,
-                values: editing.values.as_ref().map(PropertyValues::on_device),
+                values: editing.values.as_ref().map(|values| values.all().1),
                 contributions: contributions.as_ref().map(|found| (&found.on_device, least)),
             };
             let (words, ms) = marker.select(&first.scene, &figure, *mode, aim)?;
@@ -171,49 +174,53 @@ impl Session {
             return self.viewer.messages.error(what);
         }
         let (device, scene, options) = (self.screen.device().clone(), first.scene.clone(), self.viewer.options);
-        self.viewer.editing.finds_contributions = true;
+        self.viewer.editing.is_finding = true;
         self.viewer.jobs.start(
             move |_| Contributions::new(&device, &scene, &options, content),
             move |found| JobEvent::Contributions(waiting, found),
         );
     }
 
-    /// Computes the values of a property, unless they are known.
-    fn make_values(
-        &mut self,
-        plan: &Plan,
-        property: Property,
-        contributions: Option<&Arc<Contributions>>,
-    ) -> Result<()> {
-        let contributions = contributions.filter(|_| property == Property::Contribution).cloned();
-        let editing = &mut self.viewer.editing;
-        let is_known = |known: &PropertyValues| known.are_of(property, &plan.scenes, contributions.as_ref());
-        if !editing.values.as_ref().is_some_and(is_known) {
-            editing.values = Some(PropertyValues::new(self.screen.device(), plan, property, contributions)?);
-        }
-        Ok(())
+    /// True if the values of a property are known.
+    fn has_values(&self, plan: &Plan, property: Property, contributions: Option<&Arc<Contributions>>) -> bool {
+        let contributions = contributions.filter(|_| property == Property::Contribution);
+        let known = self.viewer.editing.values.as_ref();
+        known.is_some_and(|known| known.are_of(property, &plan.scenes, contributions))
     }
 
-    /// Starts what the page Edit waits for: the values of its property.
-    pub(crate) fn prepare_values(&mut self) -> Result<()> {
-        if !std::mem::take(&mut self.viewer.editing.are_values_due) || self.viewer.scenes.are_loading() {
-            return Ok(());
+    /// Starts a job that computes the values of a property.
+    fn start_values(
+        &mut self,
+        plan: Plan,
+        property: Property,
+        contributions: Option<Arc<Contributions>>,
+        waiting: Option<Selecting>,
+    ) {
+        let contributions = contributions.filter(|_| property == Property::Contribution);
+        let device = self.screen.device().clone();
+        self.viewer.editing.is_finding = true;
+        self.viewer.jobs.start(
+            move |_| PropertyValues::new(&device, &plan, property, contributions),
+            move |values| JobEvent::Values(waiting, values),
+        );
+    }
+
+    /// Starts the job that the page Edit waits for: the values of its property.
+    pub(crate) fn prepare_values(&mut self) {
+        let is_due = std::mem::take(&mut self.viewer.editing.are_values_due);
+        if !is_due || self.viewer.editing.is_finding || self.viewer.scenes.are_loading() || self.viewer.is_moving() {
+            return;
         }
-        let Ok(Some(plan)) = self.viewer.plan(Side::First) else { return Ok(()) };
+        let Ok(Some(plan)) = self.viewer.plan(Side::First) else { return };
         if plan.is_paged() || !self.pair.first.as_ref().is_some_and(|first| first.suits_scenes(&plan)) {
-            return Ok(());
+            return;
         }
         let property = self.viewer.editing.property;
-        if property != Property::Contribution {
-            return self.make_values(&plan, property, None);
-        }
-        match self.known_contributions() {
-            Some(known) => self.make_values(&plan, property, Some(&known)),
-            None if self.viewer.is_moving() || self.viewer.editing.finds_contributions => Ok(()),
-            None => {
-                self.start_contributions(None);
-                Ok(())
-            }
+        let contributions = self.known_contributions();
+        match property == Property::Contribution && contributions.is_none() {
+            true => self.start_contributions(None),
+            false if self.has_values(&plan, property, contributions.as_ref()) => {}
+            false => self.start_values(plan, property, contributions, None),
         }
     }
 

@@ -97,7 +97,7 @@ impl Session {
         self.pair = Pair::default();
         self.marker = None;
         let editing = &mut self.viewer.editing;
-        (editing.values, editing.contributions, editing.finds_contributions) = (None, None, false);
+        (editing.values, editing.contributions, editing.is_finding) = (None, None, false);
         self.screen = screen;
         self.reset_font_atlas();
         self.viewer.pictures.are_building = [false; 2];
@@ -218,7 +218,7 @@ impl Session {
         job_events::build(&mut self.viewer, &mut self.pair, device);
         job_events::fit_picture(&mut self.viewer, &mut self.pair, device)?;
         self.apply_edits(None)?;
-        self.prepare_values()?;
+        self.prepare_values();
         self.apply_inspection()?;
         self.viewer.pictures.are_stale |= self.has_wrong_size();
         let draws = self.viewer.pictures.are_stale;

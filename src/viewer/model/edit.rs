@@ -156,6 +156,13 @@ impl Edit {
         }
     }
 
+    /// The edit with the Gaussians of a set deleted, too.
+    #[must_use]
+    pub fn deleting(&self, set: &[u32]) -> Self {
+        let deleted = self.deleted.iter().zip(set).map(|(deleted, set)| deleted | set).collect();
+        self.with(self.selected.clone(), self.hidden.clone(), deleted)
+    }
+
     /// The words of the set of drawn Gaussians.
     fn drawn_words(&self) -> impl Iterator<Item = u32> {
         let last = self.gaussians / 32;
@@ -254,17 +261,20 @@ pub enum Property {
     Anisotropy,
     /// The largest alpha times transmittance at a pixel of the view.
     Contribution,
+    /// The distance from the eighth nearest centre, over the median of all: large for what floats alone.
+    Isolation,
     /// The largest difference of a channel from this colour, without spherical harmonics of a degree above 0.
     Colour([f32; 3]),
 }
 
 impl Property {
     /// The properties that need no colour, with their names.
-    pub const ALL: [(Self, &str); 4] = [
+    pub const ALL: [(Self, &str); 5] = [
         (Self::Opacity, "opacity"),
         (Self::Scale, "largest scale"),
         (Self::Anisotropy, "anisotropy"),
         (Self::Contribution, "contribution"),
+        (Self::Isolation, "isolation"),
     ];
 
     pub fn name(self) -> &'static str {
@@ -274,7 +284,7 @@ impl Property {
     /// The property of a Gaussian.
     ///
     /// # Panics
-    /// For a contribution, which is not one of the Gaussian alone.
+    /// For a contribution and an isolation, which do not depend on the Gaussian alone.
     pub fn value(self, gaussians: &Gaussians, index: usize) -> f32 {
         let scales = gaussians.scales()[index];
         let (low, high) = scales.iter().fold((f32::MAX, 0.0), |(low, high): (f32, f32), s| (low.min(*s), high.max(*s)));
@@ -282,7 +292,7 @@ impl Property {
             Self::Opacity => gaussians.opacities()[index],
             Self::Scale => high,
             Self::Anisotropy => high / low.max(f32::MIN_POSITIVE),
-            Self::Contribution => unreachable!("a contribution depends on the view"),
+            Self::Contribution | Self::Isolation => unreachable!("it does not depend on the Gaussian alone"),
             Self::Colour(of) => {
                 let own = base_colour(gaussians, index);
                 own.iter().zip(of).map(|(own, of)| (own - of).abs()).fold(0.0, f32::max)

@@ -28,14 +28,14 @@ pub struct Editing {
     pub range: [f32; 2],
     /// The last property of which values were computed.
     pub values: Option<PropertyValues>,
-    /// True while a job computes values.
+    /// True if the page shows values of the property.
     pub are_values_due: bool,
     /// Selections leave out Gaussians that contribute to no pixel.
     pub only_visible: bool,
     /// The last contributions that a job has found.
     pub contributions: Option<Arc<Contributions>>,
-    /// True while a job finds contributions.
-    pub finds_contributions: bool,
+    /// True while a job finds contributions, or computes values.
+    pub is_finding: bool,
     /// The GPU time of the last selection in milliseconds.
     pub selection_ms: Option<f64>,
     pub undo: Undo,
@@ -55,7 +55,7 @@ impl Default for Editing {
             are_values_due: false,
             only_visible: false,
             contributions: None,
-            finds_contributions: false,
+            is_finding: false,
             selection_ms: None,
             undo: Undo::default(),
         }

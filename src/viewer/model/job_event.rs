@@ -11,6 +11,7 @@ use super::evaluation::Evaluation;
 use super::loaded_scene::OpenedScene;
 use super::photographs::Photographs;
 use super::plan::{Drawn, Side};
+use super::property_values::PropertyValues;
 use super::requests::Selecting;
 use super::snapshot::PairDifference;
 use crate::camera::CameraFile;
@@ -45,6 +46,8 @@ pub enum JobEvent {
     Read(u64, Result<OpenedScene>),
     /// Contributions to the view, for a selection if one waits for them.
     Contributions(Option<Selecting>, Result<Contributions>),
+    /// Values of a property, likewise.
+    Values(Option<Selecting>, Result<PropertyValues>),
     /// Number of a layer whose file has changed.
     Changed(u64, Result<()>),
     Cameras(PathBuf, Origin, Result<CameraFile>),

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use glam::{DQuat, DVec3, EulerRot};
 
-use super::edit::Edit;
+use super::appearance::Appearance;
+use super::edit::{Edit, set_of};
 use super::job_event::{JobEvent, Jobs};
 use super::loaded_scene::{DrawnScene, LoadedScene, OpenedScene};
 use crate::formats;
@@ -35,6 +36,9 @@ pub struct Layer {
     /// A text about the file and about Gaussians that were dropped.
     pub summary: String,
     pub placement: Placement,
+    pub appearance: Appearance,
+    /// The scene is a part of that of its source: this edit of the whole deletes what is not in it.
+    pub part: Option<Arc<Edit>>,
     /// Selection, hidden and deleted Gaussians; `None` if no Gaussian has a flag.
     pub edit: Option<Arc<Edit>>,
     /// Edit of a project, as runs, to apply once the scene has been read.
@@ -112,6 +116,8 @@ impl Layer {
             is_antialiased: false,
             summary: String::new(),
             placement: Placement::default(),
+            appearance: Appearance::default(),
+            part: None,
             edit: None,
             project_edit: Vec::new(),
             focus: None,
@@ -125,6 +131,47 @@ impl Layer {
         };
         layer.read(jobs);
         layer
+    }
+
+    /// A layer with the selected Gaussians of another one, at their places.
+    ///
+    /// # Errors
+    /// Memory runs out.
+    pub fn part_of(whole: &Self, number: u64, name: String) -> Result<Option<Self>> {
+        let (Some(LoadedScene::Whole(gaussians)), Some(edit)) = (&whole.scene, &whole.edit) else { return Ok(None) };
+        let has = |i: u32| edit.selected()[i as usize / 32] >> (i % 32) & 1 == 1;
+        let selected: Vec<u32> = (0..gaussians.len() as u32).filter(|i| has(*i)).collect();
+        if selected.is_empty() {
+            return Ok(None);
+        }
+        let scene = LoadedScene::Whole(Arc::new(gaussians.selected(&selected)?));
+        // Of the whole scene, also if this one is a part.
+        let of_source = whole.part.as_ref().map(|part| part.kept());
+        let count = whole.part.as_ref().map_or(gaussians.len(), |part| part.gaussians());
+        let indices: Vec<u32> =
+            selected.iter().map(|i| of_source.as_ref().map_or(*i, |of_source| of_source[*i as usize])).collect();
+        let part = Edit::new(count).deleting(&set_of(count, |i| indices.binary_search(&(i as u32)).is_err()));
+        Ok(Some(Self {
+            number,
+            source: whole.source.clone(),
+            name,
+            focus: Some(scene.focus()),
+            scene: Some(scene),
+            is_antialiased: whole.is_antialiased,
+            summary: format!("{} Gaussians of {}", selected.len(), whole.name),
+            placement: whole.placement,
+            appearance: whole.appearance,
+            part: Some(Arc::new(part)),
+            edit: None,
+            project_edit: Vec::new(),
+            is_shown: whole.is_shown,
+            progress: None,
+            is_loaded: true,
+            has_changed: false,
+            reading: whole.reading,
+            stamp: None,
+            cancel: Cancel::default(),
+        }))
     }
 
     /// Starts a job that reads the scene. The scene that was read before stays until the job has finished.
@@ -156,10 +203,17 @@ impl Layer {
     }
 
     /// Stores the scene that was opened. Returns its Gaussians, and remarks for the user.
-    pub fn set_opened(&mut self, opened: OpenedScene) -> (LoadedScene, Vec<String>) {
+    pub fn set_opened(&mut self, opened: OpenedScene) -> Result<(LoadedScene, Vec<String>)> {
         let (format, count, degree, report, notices, is_antialiased, scene) = match opened {
             OpenedScene::Whole(scene) => {
-                let Scene { gaussians, report, format, is_antialiased, notices, .. } = *scene;
+                let Scene { gaussians, report, format, is_antialiased, mut notices, .. } = *scene;
+                let gaussians = match self.part.take_if(|part| part.gaussians() != gaussians.len()) {
+                    Some(_) => {
+                        notices.push("is another file than the one whose part it was".to_owned());
+                        gaussians
+                    }
+                    None => self.only_part(gaussians)?,
+                };
                 let (count, degree) = (gaussians.len(), gaussians.sh_degree());
                 (format, count, degree, report, notices, is_antialiased, LoadedScene::Whole(Arc::new(gaussians)))
             }
@@ -178,7 +232,15 @@ impl Layer {
         self.is_antialiased = is_antialiased;
         (self.progress, self.is_loaded) = (None, true);
         self.focus = Some(scene.focus());
-        (self.scene.insert(scene).clone(), remarks(&self.name, &report, &notices))
+        Ok((self.scene.insert(scene).clone(), remarks(&self.name, &report, &notices)))
+    }
+
+    /// The Gaussians that are in the part, if the layer is one.
+    fn only_part(&self, gaussians: Gaussians) -> Result<Gaussians> {
+        match &self.part {
+            Some(part) => Ok(gaussians.selected(&part.kept())?),
+            None => Ok(gaussians),
+        }
     }
 
     /// Bounds of the main content in the world; `None` before the scene is loaded, or if its placement is no transform.
@@ -198,7 +260,7 @@ impl Layer {
         let transform = self.placement.transform().with_context(|| format!("{} cannot be placed there", self.name))?;
         // A scene that is read again may have another number of Gaussians; it is not edited then.
         let edit = self.edit.clone().filter(|edit| edit.gaussians() == scene.count());
-        Ok(Some(DrawnScene { scene, transform, edit }))
+        Ok(Some(DrawnScene { scene, transform, appearance: self.appearance, edit }))
     }
 }
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail};
 
+use super::appearance::Appearance;
 use super::edit::Edit;
 use crate::pagefile::PageFile;
 use crate::scene::{Focus, Gaussians, Scene, Transform};
@@ -27,13 +28,16 @@ pub enum LoadedScene {
 pub struct DrawnScene {
     pub scene: LoadedScene,
     pub transform: Transform,
+    pub appearance: Appearance,
     /// The hidden and deleted Gaussians, which are not drawn, and the selected ones.
     pub edit: Option<Arc<Edit>>,
 }
 
-/// True if both lists contain the same scenes with the same transforms, edited or not.
+/// True if both lists contain the same scenes with the same transforms and appearances, edited or not.
 pub fn are_same(scenes: &[DrawnScene], others: &[DrawnScene]) -> bool {
-    let is_same = |(a, b): (&DrawnScene, &DrawnScene)| a.scene.is_same(&b.scene) && a.transform == b.transform;
+    let is_same = |(a, b): (&DrawnScene, &DrawnScene)| {
+        a.scene.is_same(&b.scene) && a.transform == b.transform && a.appearance == b.appearance
+    };
     scenes.len() == others.len() && scenes.iter().zip(others).all(is_same)
 }
 

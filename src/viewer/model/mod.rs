@@ -4,7 +4,7 @@
 //! - `viewer` - `Viewer`, which owns the parts below, and the plans of its pictures
 //! - `setup` - the settings with which a viewer is started
 //! - `requests` - requests of panels and keys that need the device or the window
-//! - `scenes`, `layers`, `loaded_scene` - the open scenes, one layer each, and their Gaussians
+//! - `scenes`, `layers`, `loaded_scene`, `appearance` - the open scenes, one layer each, and their Gaussians
 //! - `view`, `cameras`, `photographs`, `evaluation` - the view, the camera file, and its photographs
 //! - `plan` - plans of the two pictures, and their builds: a scene on the GPU with its renderer
 //! - `pictures` - which of the two pictures are stale, building or refused
@@ -19,6 +19,7 @@
 //! - `panels`, `dialog`, `recent`, `messages` - panels, file dialogs, the state kept between windows, messages
 //! - `keys`, `events`, `job_event`, `project` - key bindings, events for scripts, events of jobs, and project files
 
+mod appearance;
 mod cameras;
 mod comparison;
 mod contributions;
@@ -57,6 +58,7 @@ mod view;
 mod view_modes;
 mod viewer;
 
+pub(crate) use appearance::Appearance;
 pub use comparison::{CompareMode, CompareTarget};
 pub(crate) use comparison::{Comparison, PictureContent, PictureOf, SecondPicture, covered, fitted, over};
 pub(crate) use contributions::{Contributions, MIN_VISIBLE};
@@ -85,7 +87,7 @@ pub use recent::{RecentState, Tab};
 pub use requests::{Request, Selecting, WindowRequest};
 pub use setup::{CompareWith, Setup, Start};
 pub(crate) use snapshot::{Area, PairDifference, area_between, cropped};
-pub(crate) use undo::{Undo, UndoState};
+pub(crate) use undo::{LayerState, Undo, UndoState};
 pub(crate) use view_modes::{InspectionSettings, Numbers, VIEW_MODES};
 pub use view_modes::{view_mode, view_mode_names};
 pub use viewer::Viewer;

@@ -5,6 +5,7 @@ use std::time::SystemTime;
 
 use anyhow::{Result, ensure};
 
+use super::appearance::Appearance;
 use super::edit::{Edit, joined_sets};
 use super::loaded_scene::{DrawnScene, LoadedScene, are_same, draw_same};
 use crate::camera::Camera;
@@ -240,10 +241,12 @@ impl Plan {
     fn joined(&self, gaussians: impl Fn(&DrawnScene) -> Result<Arc<Gaussians>>) -> Result<Arc<Gaussians>> {
         if let [drawn] = &self.scenes[..]
             && drawn.transform == Transform::IDENTITY
+            && drawn.appearance == Appearance::default()
         {
             return gaussians(drawn);
         }
-        let placed = self.scenes.iter().map(|drawn| gaussians(drawn)?.transformed(&drawn.transform));
+        let placed = |drawn: &DrawnScene| gaussians(drawn)?.transformed(&drawn.transform);
+        let placed = self.scenes.iter().map(|drawn| Ok(drawn.appearance.applied(placed(drawn)?)));
         let placed = placed.collect::<Result<Vec<_>>>()?;
         Ok(Arc::new(Gaussians::joined(placed.iter())?))
     }

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::appearance::Appearance;
 use super::layers::Placement;
 use crate::camera::{Camera, Timeline, Up, from_json, to_json};
 use crate::files::{read_whole, write_whole};
@@ -56,6 +57,15 @@ pub struct PlacedScene {
     /// Runs of Gaussians with equal flags: their number, and 1 for selected, 2 for hidden, 4 for deleted.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub edit: Vec<(usize, u8)>,
+    /// If the scene is a part of the file, runs of the file's Gaussians: their number, and 0 for those that are in it,
+    /// 4 for others.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub part: Vec<(usize, u8)>,
+    /// The name in the list of scenes, if the scene is a part.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    #[serde(default, skip_serializing_if = "Appearance::is_default")]
+    pub appearance: Appearance,
 }
 
 /// View, options and path of a project.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
+use kd_tree::KdTree;
 use rayon::prelude::*;
 
 use super::contributions::Contributions;
@@ -20,7 +21,7 @@ pub struct PropertyValues {
     scenes: Vec<DrawnScene>,
     /// The contributions that the values are.
     contributions: Option<Arc<Contributions>>,
-    on_device: Option<Buffer<f32>>,
+    own: Option<(Vec<f32>, Buffer<f32>)>,
     pub histogram: Histogram,
 }
 
@@ -36,7 +37,7 @@ pub struct Histogram {
 impl Histogram {
     /// The histogram of the values of a property.
     pub fn of(property: Property, values: &[f32]) -> Self {
-        let is_logarithmic = matches!(property, Property::Scale | Property::Anisotropy | Property::Contribution);
+        let is_logarithmic = !matches!(property, Property::Opacity | Property::Colour(_));
         let none = || (f32::INFINITY, 0.0_f32);
         let (least, most) = values
             .par_iter()
@@ -50,6 +51,7 @@ impl Histogram {
             Property::Scale => (least.max(most * 1e-6), most),
             Property::Anisotropy => (1.0, most.min(1e4)),
             Property::Contribution => (least.max(1e-5), most),
+            Property::Isolation => (least.max(1e-3), most.min(1e6)),
         };
         let is_logarithmic = is_logarithmic && low > 0.0 && low < high;
         let mut histogram = Self { low, high, is_logarithmic, counts: Vec::new() };
@@ -97,19 +99,22 @@ impl PropertyValues {
         let scenes = plan.scenes.clone();
         if let Some(contributions) = contributions {
             let histogram = Histogram::of(property, &contributions.all);
-            return Ok(Self { property, scenes, contributions: Some(contributions), on_device: None, histogram });
+            return Ok(Self { property, scenes, contributions: Some(contributions), own: None, histogram });
         }
         let mut values = Vec::new();
         for drawn in &scenes {
             let whole = drawn.whole()?;
-            values.par_extend((0..whole.len()).into_par_iter().map(|i| property.value(&whole, i)));
+            match property {
+                Property::Isolation => values.append(&mut isolations(whole.means())),
+                _ => values.par_extend((0..whole.len()).into_par_iter().map(|i| property.value(&whole, i))),
+            }
         }
         let on_device = Buffer::new(device, "values", values.len())?;
         let mut cmd = Commands::new(device)?;
         cmd.upload(&on_device, 0, values.len(), |memory| memory.copy_from_slice(&values))?;
         cmd.submit()?.wait()?;
         let histogram = Histogram::of(property, &values);
-        Ok(Self { property, scenes, contributions: None, on_device: Some(on_device), histogram })
+        Ok(Self { property, scenes, contributions: None, own: Some((values, on_device)), histogram })
     }
 
     /// True if these are the values of this property of these scenes.
@@ -126,16 +131,61 @@ impl PropertyValues {
         self.property == property && is_same && are_same(&self.scenes, scenes)
     }
 
-    /// The values on the device, by Gaussian of the joined scenes.
-    pub fn on_device(&self) -> &Buffer<f32> {
-        let of_view = self.contributions.as_ref().map(|contributions| &contributions.on_device);
-        self.on_device.as_ref().or(of_view).expect("values are computed or are contributions")
+    /// The values by Gaussian of the joined scenes, on the host and on the device.
+    pub fn all(&self) -> (&[f32], &Buffer<f32>) {
+        let of_view = || self.contributions.as_ref().map(|found| (&found.all[..], &found.on_device));
+        let own = self.own.as_ref().map(|(values, on_device)| (&values[..], on_device));
+        own.or_else(of_view).expect("values are computed or are contributions")
     }
+}
+
+/// The neighbour whose distance says how isolated a centre is. Fewer would call pairs of floaters crowded.
+const NEIGHBOUR: usize = 8;
+
+/// The distance of each centre from its eighth nearest, or from the farthest of fewer, over the median of all.
+fn isolations(means: &[[f32; 3]]) -> Vec<f32> {
+    let tree = KdTree::par_build_by_ordered_float(means.to_vec());
+    let distance = |mean: &[f32; 3]| {
+        // The nearest is the centre itself.
+        let farthest =
+            tree.nearests(mean, NEIGHBOUR + 1).iter().map(|found| found.squared_distance).fold(0.0, f32::max);
+        farthest.sqrt()
+    };
+    let mut distances: Vec<f32> = means.par_iter().map(distance).collect();
+    let mut sorted = distances.clone();
+    let middle = sorted.len() / 2;
+    let median = sorted.get(middle).is_some().then(|| *sorted.select_nth_unstable_by(middle, f32::total_cmp).1);
+    let unit = median.filter(|median| *median > 0.0).unwrap_or(1.0);
+    distances.iter_mut().for_each(|distance| *distance /= unit);
+    distances
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Against the distances of all pairs.
+    #[test]
+    fn what_floats_alone_is_isolated() {
+        let mut means: Vec<[f32; 3]> =
+            (0..400).map(|i| [(i % 20) as f32, (i / 20) as f32, (i * i % 7) as f32 * 0.1]).collect();
+        means.push([500.0, 0.0, 0.0]);
+        let distance = |a: &[f32; 3], b: &[f32; 3]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
+        let eighth = |a: &[f32; 3]| {
+            let mut all: Vec<f32> = means.iter().map(|b| distance(a, b)).collect();
+            all.sort_by(f32::total_cmp);
+            all[NEIGHBOUR]
+        };
+        let mut sorted: Vec<f32> = means.iter().map(eighth).collect();
+        sorted.sort_by(f32::total_cmp);
+        for (mean, found) in means.iter().zip(isolations(&means)) {
+            let expected = eighth(mean) / sorted[means.len() / 2];
+            assert!((found / expected - 1.0).abs() < 1e-5, "{found} instead of {expected}");
+        }
+        assert!(isolations(&means)[400] > 100.0);
+        assert_eq!(isolations(&[[1.0; 3]; 20]), [0.0; 20]);
+        assert!(isolations(&[]).is_empty());
+    }
 
     #[test]
     fn a_histogram_counts_every_value_once() {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::appearance::Appearance;
 use super::edit::Edit;
 use super::layers::Placement;
 use crate::camera::{Camera, Timeline};
@@ -53,6 +54,16 @@ pub struct Undo {
     pub done: Vec<UndoState>,
 }
 
+/// The part of a layer's state that can be undone, besides its edit.
+#[derive(Clone, Copy, PartialEq)]
+pub struct LayerState {
+    pub number: u64,
+    pub placement: Placement,
+    pub appearance: Appearance,
+    /// The pictures that include the layer.
+    pub is_shown: [bool; 2],
+}
+
 /// The part of the viewer's state that can be undone.
 #[derive(Clone)]
 pub struct UndoState {
@@ -61,8 +72,9 @@ pub struct UndoState {
     pub options: Options,
     pub background: Background,
     pub timeline: Timeline,
-    /// Layer number, placement, and the pictures that include the layer.
-    pub placements: Vec<(u64, Placement, [bool; 2])>,
+    pub layers: Vec<LayerState>,
+    /// Number of layers that were separated from others.
+    pub parts: usize,
     /// Layer number and edit.
     pub edits: Vec<(u64, Option<Arc<Edit>>)>,
 }
@@ -71,20 +83,24 @@ impl UndoState {
     /// Names the first difference of the state that comes from this one; `None` if they are equal. `name` is the name
     /// of a layer.
     pub fn difference(&self, next: &Self, name: impl Fn(u64) -> String) -> Option<String> {
-        let Self { view, options, background, timeline, placements, edits } = self;
-        let are_open =
-            placements.iter().map(|(number, ..)| number).eq(next.placements.iter().map(|(number, ..)| number));
-        let placed = placements.iter().zip(&next.placements).find(|(one, other)| one != other);
+        let Self { view, options, background, timeline, layers, parts, edits } = self;
+        let are_open = layers.iter().map(|layer| layer.number).eq(next.layers.iter().map(|layer| layer.number));
+        let changed = layers.iter().zip(&next.layers).find(|(one, other)| one != other);
         let are_edited = edits.iter().zip(&next.edits).any(|(one, other)| match (&one.1, &other.1) {
             (Some(one), Some(other)) => !Arc::ptr_eq(one, other),
             (one, other) => one.is_some() != other.is_some(),
         });
         let turned = KNOBS.iter().filter(|knob| (knob.get)(options) != (knob.get)(&next.options));
         let turned: Vec<&str> = turned.map(|knob| knob.name).collect();
-        match (placed, &turned[..]) {
-            (Some(((number, before, _), (_, after, _))), _) if are_open => {
-                let what = if before == after { "whether it is shown" } else { "the placement" };
-                Some(format!("{what}: {}", name(*number)))
+        match (changed, &turned[..]) {
+            _ if *parts != next.parts => Some("the separated scene".to_owned()),
+            (Some((before, after)), _) if are_open => {
+                let what = match () {
+                    () if before.placement != after.placement => "the placement",
+                    () if before.appearance != after.appearance => "the colours and the opacity",
+                    () => "whether it is shown",
+                };
+                Some(format!("{what}: {}", name(before.number)))
             }
             _ if are_open && are_edited => Some(self.edited(next)),
             _ if *timeline != next.timeline => {

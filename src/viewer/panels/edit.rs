@@ -106,6 +106,20 @@ fn selection(viewer: &mut Viewer, ui: &mut Ui) {
             }
         }
     });
+    ui.horizontal(|ui| {
+        for (name, copies, hint) in [
+            (
+                "Separate",
+                false,
+                "Move what is selected into a scene of its own: it can be placed, tinted and saved alone",
+            ),
+            ("Duplicate", true, "Copy what is selected into a scene of its own"),
+        ] {
+            if ui.add_enabled(selected > 0, Button::new(name)).on_hover_text(hint).clicked() {
+                viewer.separate(copies);
+            }
+        }
+    });
     if selected > 0 {
         ui.weak("What is selected is shown in yellow; what is written has its own colours.");
     }

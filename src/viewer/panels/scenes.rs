@@ -6,7 +6,7 @@ use egui::{DragValue, Ui};
 use indicatif::HumanCount as count;
 
 use crate::render::{Path, Residency};
-use crate::viewer::model::{Action, Layer, Pair, Viewer};
+use crate::viewer::model::{Action, Appearance, Layer, Pair, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let mut request = None;
@@ -138,6 +138,26 @@ fn show_layer(layer: &mut Layer, ui: &mut Ui) -> Option<RowRequest> {
             ui.add(DragValue::new(&mut placement.scale).speed(0.01).range(1e-6..=1e6));
             ui.end_row();
         });
+    });
+    ui.collapsing("Colours and opacity", |ui| {
+        let appearance = &mut layer.appearance;
+        egui::Grid::new("appearance").show(ui, |ui| {
+            ui.label("Tint").on_hover_text("factors on red, green and blue");
+            ui.color_edit_button_rgb(&mut appearance.tint);
+            ui.end_row();
+            for (name, value, most) in [
+                ("Brightness", &mut appearance.brightness, 10.0),
+                ("Saturation", &mut appearance.saturation, 10.0),
+                ("Opacity", &mut appearance.opacity, 100.0),
+            ] {
+                ui.label(name);
+                ui.add(DragValue::new(value).speed(0.01).range(0.0..=most));
+                ui.end_row();
+            }
+        });
+        if !appearance.is_default() && ui.small_button("as in the file").clicked() {
+            *appearance = Appearance::default();
+        }
     });
     request
 }
