@@ -49,8 +49,8 @@ impl Gaussians {
         Ok(selected)
     }
 
-    /// The scene with a linear map of its colours, in every direction, and a factor on its opacities, which stay at most
-    /// 1. Computed in f64 and rounded once.
+    /// The scene with a linear map of its colours, in every direction, and a factor on its opacities, which stay at
+    /// most 1. Computed in f64 and rounded once.
     pub fn adjusted(mut self, colours: DMat3, opacity: f64) -> Self {
         // A colour is 0.5 and the sum of the harmonics.
         let offset = (colours * DVec3::splat(0.5) - 0.5) / C0;

@@ -288,7 +288,7 @@ fn a_window_keeps_what_was_opened() {
     assert!(!offscreen.viewer().panels.dialog.is_open());
     offscreen.viewer().drop_file(&scene);
     offscreen.settle().unwrap();
-    assert_eq!(RecentState::read(&state).files, [scene.clone()]);
+    assert_eq!(RecentState::read(&state).files, std::slice::from_ref(&scene));
     // A click on its title closes the first section, also in the next window.
     let pos = pos2(330.0, 56.0);
     for pressed in [true, false] {

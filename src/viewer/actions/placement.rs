@@ -7,7 +7,18 @@ use crate::viewer::model::{DragMotion, Gizmo, Handle, Tab, Tool, Viewer, turned}
 impl Viewer {
     /// True if the left button has a tool other than turning the view.
     pub fn uses_tool(&self) -> bool {
-        self.panels.shows(Tab::Edit) && self.editing.tool != Tool::Look
+        !self.panels.are_hidden && self.editing.tool != Tool::Look
+    }
+
+    /// True if the keys of edits count: with a tool, or in the page Edit.
+    pub fn is_editing(&self) -> bool {
+        self.uses_tool() || self.panels.shows(Tab::Edit)
+    }
+
+    /// Takes a tool.
+    pub fn use_tool(&mut self, tool: Tool) {
+        self.cancel_stroke();
+        self.editing.tool = tool;
     }
 
     /// Number of the layer that the handles place: the chosen one, or else the first shown one.

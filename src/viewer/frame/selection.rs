@@ -138,7 +138,8 @@ impl Session {
                 continue;
             }
             // Without a marker nothing has been marked.
-            if !drawn.scene.is_paged() && !(marks.are_none() && self.marker.is_none()) {
+            let is_marked = marks.are_none() && self.marker.is_none();
+            if !drawn.scene.is_paged() && !is_marked {
                 plan.mark(&drawn.scene, Marker::of(&mut self.marker, self.screen.device())?, has_selection)?;
                 self.viewer.pictures.are_stale = true;
                 has_changed = true;

@@ -118,6 +118,7 @@ impl Session {
     /// Makes the panels upload their font atlas again, for another surface.
     pub fn reset_font_atlas(&mut self) {
         let (context, style) = (egui::Context::default(), self.context.global_style());
+        panels::theme::set(&context);
         context.set_global_style(style);
         self.context = context;
         self.layout.at = None;

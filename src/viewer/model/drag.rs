@@ -6,6 +6,7 @@ use egui::{PointerButton, Pos2};
 use glam::DVec2;
 
 use super::edit::Edit;
+use super::keys::Action;
 use crate::render::SelectionMode;
 
 /// The pointer over the picture.
@@ -81,21 +82,37 @@ pub enum Tool {
 }
 
 impl Tool {
-    /// Every tool with its name and a help text.
-    pub const ALL: [(Self, &str, &str); 9] = [
-        (Self::Look, "View", "The left button turns the view"),
-        (Self::Rectangle, "Rectangle", "Drag over the centres to select, through all of the scene"),
-        (Self::Lasso, "Lasso", "Drag around the centres to select, through all of the scene"),
+    /// Every tool with the action that takes it, its name and a help text.
+    pub const ALL: [(Self, Action, &str, &str); 9] = [
+        (Self::Look, Action::ToolView, "View", "The left button turns the view"),
+        (Self::Rectangle, Action::ToolRectangle, "Rectangle", "Drag over the centres to select"),
+        (Self::Lasso, Action::ToolLasso, "Lasso", "Drag around the centres to select"),
         (
             Self::Polygon,
+            Action::ToolPolygon,
             "Polygon",
             "Click the corners around the centres to select; a click on the first or the last corner closes it",
         ),
-        (Self::Brush, "Brush", "Paint over the centres to select, through all of the scene"),
-        (Self::Ball, "Ball", "Drag away from a point that is seen: all centres as near to it are selected"),
-        (Self::Box, "Box", "Drag the faces of the box: all centres in it are selected"),
-        (Self::Colour, "Colour", "Click a Gaussian: those of a similar colour are selected; the page sets how similar"),
-        (Self::Place, "Place", "Drag the handles of a scene: arrows move it, rings turn it, the square scales it"),
+        (Self::Brush, Action::ToolBrush, "Brush", "Paint over the centres to select"),
+        (
+            Self::Ball,
+            Action::ToolBall,
+            "Ball",
+            "Drag away from a point that is seen: all centres as near to it are selected",
+        ),
+        (Self::Box, Action::ToolBox, "Box", "Drag the faces of the box: all centres in it are selected"),
+        (
+            Self::Colour,
+            Action::ToolColour,
+            "Colour",
+            "Click a Gaussian: those of a similar colour are selected; the page Edit sets how similar",
+        ),
+        (
+            Self::Place,
+            Action::ToolPlace,
+            "Place",
+            "Drag the handles of a scene: arrows move it, rings turn it, the square scales it",
+        ),
     ];
 }
 

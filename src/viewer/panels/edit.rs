@@ -8,8 +8,8 @@ use super::section;
 use super::world_painter::WorldPainter;
 use crate::render::SelectionMode;
 use crate::viewer::model::{
-    Action, BoxHandles, Change, Counts, DragMotion, Gizmo, Handle, Histogram, Property, SaveTarget, Selection, Tab,
-    Tool, ToolStroke, Viewer,
+    Action, BoxHandles, Change, Counts, DragMotion, Gizmo, Handle, Histogram, Property, SaveTarget, Selection, Tool,
+    ToolStroke, Viewer,
 };
 
 /// Colours of the axes x, y and z.
@@ -17,11 +17,10 @@ pub(super) const AXES: [Color32; 3] =
     [Color32::from_rgb(235, 90, 80), Color32::from_rgb(120, 200, 80), Color32::from_rgb(90, 150, 255)];
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
-    ui.horizontal_wrapped(|ui| {
-        for (tool, name, help) in Tool::ALL {
-            ui.selectable_value(&mut viewer.editing.tool, tool, name).on_hover_text(help);
-        }
-    });
+    if let Some((_, _, name, help)) = Tool::ALL.iter().find(|(tool, ..)| *tool == viewer.editing.tool) {
+        ui.strong(*name);
+        ui.label(*help);
+    }
     ui.weak("Shift adds, Ctrl subtracts; with Alt, and with the other buttons, the view moves as ever.");
     match viewer.editing.tool {
         Tool::Brush => {
@@ -236,7 +235,7 @@ fn by_box(viewer: &mut Viewer, ui: &mut Ui) {
 
 /// Draws the stroke of a tool, the brush, and the handles of a scene over the picture.
 pub(super) fn over_picture(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
-    if !viewer.panels.shows(Tab::Edit) {
+    if viewer.panels.are_hidden {
         return;
     }
     let line = Stroke::new(1.5, Color32::from_rgb(255, 200, 60));
@@ -287,9 +286,9 @@ pub(super) fn over_picture(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
 fn bounds(viewer: &Viewer, world: &WorldPainter, line: Stroke) {
     let handles = BoxHandles::new(&viewer.view.camera(), viewer.bounds());
     handles.edges().for_each(|ends| world.line(ends, line));
-    for axis in 0..3 {
+    for (axis, colour) in AXES.into_iter().enumerate() {
         for is_greater in [false, true] {
-            world.dot(handles.face(axis, is_greater), 5.0, AXES[axis], "");
+            world.dot(handles.face(axis, is_greater), 5.0, colour, "");
         }
     }
 }

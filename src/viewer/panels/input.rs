@@ -8,8 +8,8 @@ use glam::{DVec2, DVec3};
 use crate::render::SelectionMode;
 use crate::viewer::actions::Program;
 use crate::viewer::model::{
-    Action, Change, Chord, CompareMode, CompareTarget, Comparison, Drag, DragMotion, Request, SaveTarget, Tab, Tool,
-    Viewer, WindowRequest, area_between,
+    Action, Change, Chord, CompareMode, CompareTarget, Comparison, Drag, DragMotion, Request, SaveTarget, Tool, Viewer,
+    WindowRequest, area_between,
 };
 
 /// The factor by which the fast key speeds flying up, and the slow key slows it down.
@@ -155,6 +155,11 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui, is_typing: bool) {
         viewer.inspector.marks.clear();
         viewer.inspector.clear_explanation();
     }
+    for (tool, action, ..) in Tool::ALL {
+        if pressed(viewer, ui, action) {
+            viewer.use_tool(tool);
+        }
+    }
     (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
     (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));
     for (action, change) in [
@@ -166,7 +171,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui, is_typing: bool) {
         (Action::SelectNone, Change::SelectNone),
         (Action::Invert, Change::Invert),
     ] {
-        if viewer.panels.shows(Tab::Edit) && pressed(viewer, ui, action) {
+        if viewer.is_editing() && pressed(viewer, ui, action) {
             viewer.change(change);
         }
     }

@@ -6,7 +6,7 @@
 //! - `inspection` - the page Inside: view modes, and the window that explains a pixel
 //! - `compare`, `cameras` - the page Compare, cameras over the picture, and the table of photographs
 //! - `film` - the page Path: keys, playing, and files to write
-//! - `edit` - the page Edit: tools, selections, placement
+//! - `edit`, `tool_bar` - the page Edit: selections, placement; the tools beside the picture
 //! - `overlay`, `readout`, `guides`, `world_painter` - labels and messages, numbers, axes and grid, lines in world
 //!   space
 //! - `help` - the help window
@@ -25,6 +25,7 @@ mod quality;
 mod readout;
 mod scenes;
 pub(crate) mod theme;
+mod tool_bar;
 mod view;
 mod world_painter;
 
@@ -71,6 +72,7 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     }
     guides::show(viewer, &world, free, ui);
     edit::over_picture(viewer, &world, ui);
+    tool_bar::show(viewer, free, ui);
     if !viewer.panels.are_hidden && viewer.panels.recent.tab == Tab::Path {
         film::curve(viewer, &world);
     }

@@ -1,12 +1,15 @@
 //! Colours of the panels: text that is read on both themes, and one colour for each stage of a frame.
 
-use egui::{Color32, Context, Theme};
+use egui::{Color32, Context, FontDefinitions, Theme};
 
 /// The grey of hints: at least 4.5 times as light as its ground, or as dark (contrast of WCAG 2.2).
 const HINTS: [(Theme, u8); 2] = [(Theme::Dark, 136), (Theme::Light, 106)];
 
-/// Makes hints as legible as WCAG asks for.
+/// Makes hints as legible as WCAG asks for, and adds the font of icons.
 pub(crate) fn set(context: &Context) {
+    let mut fonts = FontDefinitions::default();
+    egui_phosphor::add_to_fonts(&mut fonts, egui_phosphor::Variant::Regular);
+    context.set_fonts(fonts);
     for (theme, grey) in HINTS {
         context.style_mut_of(theme, |style| style.visuals.weak_text_color = Some(Color32::from_gray(grey)));
     }
