@@ -4,6 +4,7 @@ use egui::{Event, Key, Modifiers, PointerButton, pos2};
 use glam::{DVec2, DVec3};
 use smalto::camera::Camera;
 use smalto::formats::SceneFile;
+use smalto::options::Options;
 use smalto::pixels::Pixels;
 use smalto::reference;
 use smalto::render::{Outline, SelectionMode};
@@ -257,6 +258,14 @@ fn what_is_seen_is_selected() {
     assert_eq!(left.len(), all.len() - found);
     let expected = between(&left, 1.0 / 255.0, 2.0);
     assert!(expected.contains(&found_now) && found_now < left.len(), "{found_now} of {expected:?}");
+    // A preset whose scene culls more Gaussians finds nearly the same.
+    for preset in [Options::FAST, Options::PREVIEW] {
+        offscreen.viewer().options = preset;
+        offscreen.settle().unwrap();
+        offscreen.viewer().select(&everything, SelectionMode::Replace);
+        let found = selected(&mut offscreen);
+        assert!(found.abs_diff(found_now) < found_now / 20, "{found}, not {found_now}");
+    }
 }
 
 #[test]

@@ -174,7 +174,7 @@ impl Session {
             let what = "what is seen cannot be found: the scene is drawn in pages, as it does not fit into memory";
             return self.viewer.messages.error(what);
         }
-        let (device, scene, options) = (self.screen.device().clone(), first.scene.clone(), self.viewer.options);
+        let (device, scene, options) = (self.screen.device().clone(), first.scene.clone(), first.plan.options);
         self.viewer.editing.is_finding = true;
         self.viewer.jobs.start(
             move |_| Contributions::new(&device, &scene, &options, content),

@@ -21,13 +21,14 @@ pub struct Contributions {
 }
 
 impl Contributions {
-    /// Draws the view on the GPU without early termination, and records the contribution of each Gaussian. The marks of
-    /// `scene` may change meanwhile.
+    /// Draws the view on the GPU without early termination, and records the contribution of each Gaussian. `options` are
+    /// those that the scene was uploaded for. Its marks may change meanwhile.
     ///
     /// # Errors
     /// Memory runs out, or the device is lost.
     pub fn new(device: &Device, scene: &GpuScene, options: &Options, content: PictureContent) -> Result<Self> {
-        let options = Options { stop: 0.0, ..options.untraded() };
+        // Gaussians that the scene on the device culls contribute nothing.
+        let options = Options { rules: options.rules, stop: 0.0, ..options.untraded() };
         let mut pruner = Pruner::of(device, &Marker::new(device)?.separated(scene)?, &options)?;
         pruner.note(&content.view)?;
         let all: Vec<f32> = pruner.shares()?.iter().map(|share| share.largest).collect();

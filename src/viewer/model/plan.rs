@@ -168,7 +168,9 @@ impl Plan {
         if !is_reused && scene.is_paged() && self.leaves_out() {
             // Pages have no marks, so only the drawn Gaussians are in them.
             drop(scene);
-            (source, statistics) = described(SceneSource::of(Gaussians::clone(&*self.edited()?)));
+            let gaussians = self.edited()?;
+            statistics = Arc::new(Statistics::of(&gaussians));
+            source = SceneSource::shared(gaussians, statistics.clone());
             layout = layout_of(&statistics);
             scene = upload(&source)?;
         }
