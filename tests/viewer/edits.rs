@@ -177,7 +177,7 @@ fn tools_select_while_they_are_dragged() {
         press(&mut offscreen, Key::Z, Modifiers::COMMAND);
         assert_eq!(counts(&mut offscreen), Counts::default(), "{tool:?}: one step");
         let said = offscreen.viewer().messages.shown().last().unwrap().text.clone();
-        assert_eq!(said, format!("undone: 0 selected, from {}", in_words(selected)));
+        assert_eq!(said, format!("undone: selected Gaussians ({} to 0)", in_words(selected)));
         assert!(drawn(&offscreen) == before);
     }
     let view = offscreen.viewer().view.camera();

@@ -98,6 +98,8 @@ impl Marker {
         assert!(!scene.is_paged(), "pages have no marks");
         let is_outline = matches!(figure, Figure::Outline(_));
         assert!(!is_outline || aim.view.lens.is_none(), "the device does not know where a lens shows centres");
+        let given = aim.values.into_iter().chain(aim.contributions.map(|(contributions, _)| contributions));
+        given.for_each(|values| assert!(values.len() >= scene.len(), "every Gaussian has `{}`", values.name()));
         let points = match figure {
             Figure::Outline(Outline::Lasso(points) | Outline::Brush(points, _)) => &points[..],
             _ => &[],

@@ -12,8 +12,8 @@ use crate::pagefile::write::Job;
 use crate::render::{Outline, SelectionMode};
 use crate::scene::{Gaussians, Scene};
 use crate::viewer::model::{
-    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, JobEvent, Layer, LoadedScene, PropertyValues,
-    Reporter, Request, Selecting, Selection, Tool, ToolStroke, Viewer, needs_whole,
+    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, JobEvent, Layer, LoadedScene, Property,
+    PropertyValues, Reporter, Request, Selecting, Selection, Tool, ToolStroke, Viewer, needs_whole,
 };
 
 /// Distance in pixels within which a click closes a polygon.
@@ -27,16 +27,23 @@ impl Viewer {
 
     /// Selects Gaussians of the shown scenes.
     pub fn select(&mut self, selection: &Selection, mode: SelectionMode) {
-        self.request_selection(selection.clone(), mode, false);
+        self.request_selection(selection.clone(), mode, (Vec::new(), false));
     }
 
     /// Selects during a drag of a range, or at its end.
     pub fn select_while_dragging(&mut self, selection: &Selection, goes_on: bool) {
-        self.request_selection(selection.clone(), SelectionMode::Replace, goes_on);
+        self.request_selection(selection.clone(), SelectionMode::Replace, (Vec::new(), goes_on));
     }
 
-    fn request_selection(&mut self, selection: Selection, mode: SelectionMode, goes_on: bool) {
-        self.requests.push(Request::Select(Selecting { selection, mode, contributions: None, goes_on }));
+    /// Requests a selection that starts from these edits of layers; true if its stroke goes on.
+    fn request_selection(
+        &mut self,
+        selection: Selection,
+        mode: SelectionMode,
+        (before, goes_on): (Vec<(u64, Option<Arc<Edit>>)>, bool),
+    ) {
+        let view = self.view.camera();
+        self.requests.push(Request::Select(Selecting { selection, mode, view, before, contributions: None, goes_on }));
     }
 
     /// Stores contributions, and goes on with the selection that waits for them.
@@ -46,11 +53,10 @@ impl Viewer {
             Ok(found) => {
                 let found = Arc::new(found);
                 self.editing.contributions = Some(found.clone());
-                self.requests.extend(
-                    waiting.map(|waiting| Request::Select(Selecting { contributions: Some(found), ..waiting })),
-                );
+                let waiting = waiting.map(|waiting| Selecting { contributions: Some(found), ..waiting });
+                self.go_on_selecting(waiting);
             }
-            Err(problem) => self.messages.error(format!("cannot find what is seen: {problem:#}")),
+            Err(problem) => self.refuse_values(waiting, Property::Contribution, &problem),
         }
     }
 
@@ -60,9 +66,24 @@ impl Viewer {
         match values {
             Ok(values) => {
                 self.editing.values = Some(values);
-                self.requests.extend(waiting.map(Request::Select));
+                self.go_on_selecting(waiting);
             }
-            Err(problem) => self.messages.error(format!("cannot compute values of Gaussians: {problem:#}")),
+            Err(problem) => self.refuse_values(waiting, self.editing.property, &problem),
+        }
+    }
+
+    /// Goes on with a selection that waited, before those that were requested meanwhile.
+    fn go_on_selecting(&mut self, waiting: Option<Selecting>) {
+        if let Some(waiting) = waiting {
+            self.requests.insert(0, Request::Select(waiting));
+        }
+    }
+
+    fn refuse_values(&mut self, waiting: Option<Selecting>, property: Property, problem: &anyhow::Error) {
+        let text = format!("the {} of Gaussians cannot be found: {problem:#}", property.name());
+        match waiting {
+            Some(_) => self.messages.error(text),
+            None => self.editing.refused = Some((property, text)),
         }
     }
 
@@ -79,19 +100,21 @@ impl Viewer {
     /// scenes only if it `copies`. The handles then place the first new scene.
     pub fn separate(&mut self, copies: bool) {
         let before = self.scenes.layers.len();
+        let mut parts = Vec::new();
         for index in 0..before {
             let Some(edit) = self.editable(index) else { continue };
-            let number = self.scenes.next_number();
-            let whole = &self.scenes.layers[index];
-            let parts = self.scenes.layers.iter().filter(|layer| layer.source == whole.source && layer.part.is_some());
-            let of = whole.source.name();
-            let part = Layer::part_of(whole, number, format!("{of}, part {}", parts.count() + 1));
-            match part {
-                Ok(Some(part)) => self.scenes.layers.push(part),
-                Ok(None) => continue,
+            let (number, whole) = (self.scenes.next_number(), &self.scenes.layers[index]);
+            let layers = self.scenes.layers.iter().chain(parts.iter().map(|(_, part, _)| part));
+            let others = layers.filter(|layer| layer.part.is_some() && layer.source == whole.source).count();
+            match Layer::part_of(whole, number, format!("{}, part {}", whole.source.name(), others + 1)) {
+                Ok(Some(part)) => parts.push((index, part, edit)),
+                Ok(None) => {}
                 Err(problem) => return self.messages.error(format!("nothing is separated: {problem:#}")),
             }
-            let change = if copies { Change::SelectNone } else { Change::Delete };
+        }
+        let change = if copies { Change::SelectNone } else { Change::Delete };
+        for (index, part, edit) in parts {
+            self.scenes.layers.push(part);
             self.set_edit(index, Some(Arc::new(edit.changed(change))));
         }
         let Some(first) = self.scenes.layers.get(before) else { return self.messages.note("nothing is selected") };
@@ -110,7 +133,8 @@ impl Viewer {
         }
         match &layer.scene {
             Some(LoadedScene::Whole(whole)) => {
-                Some(layer.edit.as_deref().cloned().unwrap_or_else(|| Edit::new(whole.len())))
+                let edit = layer.edit.as_deref().filter(|edit| edit.gaussians() == whole.len());
+                Some(edit.cloned().unwrap_or_else(|| Edit::new(whole.len())))
             }
             Some(LoadedScene::Paged(_)) => {
                 self.messages.error(needs_whole("a selection"));
@@ -157,7 +181,7 @@ impl Viewer {
             return corners.push(place);
         }
         let corners = std::mem::take(corners);
-        self.request_selection(Selection::Outline(Outline::Lasso(corners)), mode, false);
+        self.request_selection(Selection::Outline(Outline::Lasso(corners)), mode, (Vec::new(), false));
     }
 
     /// Selects what the stroke under way holds so far. `goes_on` is false at its end.
@@ -182,13 +206,14 @@ impl Viewer {
                 if !self.editing.only_visible {
                     stroke.painted = points.len();
                 }
-                return self.request_selection(Selection::Outline(Outline::Brush(way, radius)), mode, goes_on);
+                let brush = Selection::Outline(Outline::Brush(way, radius));
+                return self.request_selection(brush, mode, (Vec::new(), goes_on));
             }
             Tool::Ball => {
                 let pixel = first.to_array().map(|side| side.max(0.0) as u32);
-                let radius_px = first.distance(last);
-                self.restore_stroke();
-                return self.requests.push(Request::SelectBall { pixel, radius_px, mode, goes_on });
+                let (radius_px, before) = (first.distance(last), stroke.before.clone());
+                self.drop_strokes();
+                return self.requests.push(Request::SelectBall { pixel, radius_px, mode, before, goes_on });
             }
             Tool::Colour if goes_on => return,
             Tool::Colour => {
@@ -197,15 +222,27 @@ impl Viewer {
             }
             Tool::Look | Tool::Place | Tool::Polygon | Tool::Box => return,
         };
-        self.restore_stroke();
-        self.request_selection(Selection::Outline(outline), mode, goes_on);
+        let before = stroke.before.clone();
+        self.drop_strokes();
+        self.request_selection(Selection::Outline(outline), mode, (before, goes_on));
     }
 
-    /// Goes back to the edits before the stroke under way.
-    fn restore_stroke(&mut self) {
-        let Some(stroke) = &self.pointer.stroke else { return };
-        for (number, edit) in stroke.before.clone() {
-            if let Some(index) = self.scenes.index_of(number) {
+    /// Drops requests of the stroke under way that a longer part of it replaces.
+    fn drop_strokes(&mut self) {
+        self.requests.retain(|request| match request {
+            Request::Select(selecting) => !selecting.goes_on,
+            Request::SelectBall { goes_on, .. } => !goes_on,
+            _ => true,
+        });
+    }
+
+    /// Goes back to these edits of layers, by their numbers.
+    pub fn restore_edits(&mut self, before: Vec<(u64, Option<Arc<Edit>>)>) {
+        for (number, edit) in before {
+            let Some(index) = self.scenes.index_of(number) else { continue };
+            // The scene may have been read again.
+            let count = self.scenes.layers[index].scene.as_ref().map_or(0, LoadedScene::count);
+            if edit.as_ref().is_none_or(|edit| edit.gaussians() == count) {
                 self.set_edit(index, edit);
             }
         }
@@ -219,7 +256,10 @@ impl Viewer {
 
     /// Ends a drag, a stroke or a polygon without an effect.
     pub fn cancel_stroke(&mut self) {
-        self.restore_stroke();
+        if let Some(stroke) = self.pointer.stroke.take() {
+            self.drop_strokes();
+            self.restore_edits(stroke.before);
+        }
         self.editing.polygon.clear();
         self.pointer.cancel();
     }
@@ -231,12 +271,17 @@ impl Viewer {
         (pixel, depth): ([u32; 2], Option<f32>),
         radius_px: f64,
         mode: SelectionMode,
-        goes_on: bool,
+        (before, goes_on): (Vec<(u64, Option<Arc<Edit>>)>, bool),
     ) {
-        let Some(depth) = depth.map(f64::from) else { return self.messages.note("there is nothing at this pixel") };
+        let Some(depth) = depth.map(f64::from) else {
+            if !goes_on {
+                self.messages.note("there is nothing at this pixel");
+            }
+            return;
+        };
         let view = self.view.camera();
         let centre = view.unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth);
-        self.request_selection(Selection::Ball(centre, radius_px * view.pixel_world(depth)), mode, goes_on);
+        self.request_selection(Selection::Ball(centre, radius_px * view.pixel_world(depth)), mode, (before, goes_on));
     }
 
     /// The box that selects: around the pivot, before it is moved.
@@ -257,7 +302,8 @@ impl Viewer {
     pub fn drag_face(&mut self, face: (usize, bool), from: DVec2, to: DVec2) {
         let corners = BoxHandles::new(&self.view.camera(), self.bounds()).dragged(face, from, to);
         self.editing.bounds = Some(corners);
-        self.request_selection(Selection::Box(corners[0], corners[1]), SelectionMode::Replace, true);
+        let selection = Selection::Box(corners[0], corners[1]);
+        self.request_selection(selection, SelectionMode::Replace, (Vec::new(), true));
     }
 
     /// Starts to write the shown scenes into one file: placed, without deleted Gaussians.

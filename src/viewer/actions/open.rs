@@ -169,6 +169,7 @@ impl Viewer {
     pub fn close(&mut self, number: u64) {
         let Some(index) = self.scenes.index_of(number) else { return };
         let layer = self.scenes.layers.remove(index);
+        (self.editing.values, self.editing.contributions) = (None, None);
         if let Some(scene) = &layer.scene {
             let measured = self.measuring.costs.iter_mut().filter_map(|(_, content)| content.as_mut());
             measured.for_each(|content| content.forget(scene));
@@ -220,6 +221,7 @@ impl Viewer {
                     self.set_first_view(loaded.focus());
                 }
                 if is_again {
+                    (self.editing.values, self.editing.contributions) = (None, None);
                     self.editing.undo.forget_edits(number);
                 } else {
                     self.restore_edit(index);

@@ -7,7 +7,8 @@ use crate::viewer::model::{DragMotion, Gizmo, Handle, Tab, Tool, Viewer, turned}
 impl Viewer {
     /// True if the left button has a tool other than turning the view.
     pub fn uses_tool(&self) -> bool {
-        !self.panels.are_hidden && self.editing.tool != Tool::Look
+        let is_usable = self.editing.tool == Tool::Place || !self.scenes.are_paged();
+        !self.panels.are_hidden && self.editing.tool != Tool::Look && is_usable
     }
 
     /// True if the keys of edits count: with a tool, or in the page Edit.

@@ -11,7 +11,7 @@ use crate::procedural::Procedural;
 use crate::rules::Background;
 use crate::scene::Unreadable;
 use crate::viewer::model::{
-    Edit, Layer, LayerSource, LoadedScene, PROJECT_ENDING, PlacedScene, Project, ProjectView, VIEW_MODES, Viewer,
+    Edit, Layer, LayerSource, LoadedScene, PROJECT_ENDING, PlacedScene, Project, ProjectView, Undo, VIEW_MODES, Viewer,
     is_project, relative_to, view_mode,
 };
 
@@ -79,6 +79,7 @@ impl Viewer {
         });
         let sources: Vec<LayerSource> = sources.collect::<Result<_>>()?;
         // Nothing fails from here on.
+        self.editing.undo = Undo::default();
         while let Some(number) = self.scenes.layers.first().map(|layer| layer.number) {
             self.close(number);
         }

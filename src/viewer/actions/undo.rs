@@ -17,7 +17,7 @@ impl Viewer {
             background: self.view.background,
             timeline: self.film.timeline.clone(),
             layers: self.scenes.layers.iter().map(layer).collect(),
-            parts: self.scenes.layers.iter().filter(|layer| layer.part.is_some() && layer.is_shown[0]).count(),
+            parts: self.scenes.layers.iter().filter(|layer| layer.part.is_some()).map(|layer| layer.number).collect(),
             edits: self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect(),
         }
     }
@@ -52,7 +52,11 @@ impl Viewer {
             return self.messages.note(what);
         };
         let name = |number| self.scenes.layer(number).map_or_else(String::new, |layer| layer.name.clone());
-        let what = now.difference(&wanted, name).unwrap_or_else(|| "the view".to_owned());
+        let is_separated = now.parts.iter().any(|part| !wanted.parts.contains(part));
+        let what = match is_separated {
+            true => "the separated scene".to_owned(),
+            false => now.difference(&wanted, name).unwrap_or_else(|| "the view".to_owned()),
+        };
         to.push(now);
         self.restore(&wanted);
         self.editing.undo.current = Some(self.state());

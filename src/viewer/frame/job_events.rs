@@ -23,7 +23,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
             }
         }
         JobEvent::Partial(number, gaussians) => {
-            let Some(layer) = viewer.scenes.layer_mut(number) else { return };
+            let Some(layer) = viewer.scenes.layer_mut(number).filter(|layer| layer.part.is_none()) else { return };
             let scene = layer.scene.insert(LoadedScene::Whole(gaussians)).clone();
             if !viewer.view.is_set {
                 viewer.set_first_view(scene.focus());
@@ -31,6 +31,9 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
             }
         }
         JobEvent::Read(number, scene) => viewer.handle_scene(number, scene),
+        // The device of the job was lost meanwhile.
+        JobEvent::Contributions(_, Ok(found)) if !found.on_device.is_on(device) => viewer.editing.is_finding = false,
+        JobEvent::Values(_, Ok(values)) if !values.all().1.is_on(device) => viewer.editing.is_finding = false,
         JobEvent::Contributions(waiting, found) => viewer.handle_contributions(waiting, found),
         JobEvent::Values(waiting, values) => viewer.handle_values(waiting, values),
         JobEvent::Changed(number, changed) => viewer.handle_change(number, changed),

@@ -7,7 +7,9 @@ use egui::ColorImage;
 
 use super::screen::{Arrangement, Screen};
 use super::session::Session;
-use crate::render::{Attribute, Compare, Inspection, Quantity};
+use crate::gpu::DeviceLost;
+use crate::host_memory::OutOfMemory;
+use crate::render::{Attribute, Compare, Explanation, Inspection, Quantity};
 use crate::viewer::model::{
     Drawn, Event, ExplainedPixel, Pair, Request, Reusable, Second, Side, WindowRequest, needs_whole,
 };
@@ -20,8 +22,10 @@ impl Session {
         // One at a time: a mark adds a request to copy its position.
         while !self.viewer.requests.is_empty() {
             match self.viewer.requests.remove(0) {
-                // Export and measure only the Gaussians that remain after editing.
-                request if self.viewer.has_running_edits() && !matches!(request, Request::Window(_)) => {
+                // Selections wait for each other.
+                request @ (Request::Select(_) | Request::SelectBall { .. } | Request::SelectColour(..))
+                    if self.viewer.has_running_edits() =>
+                {
                     later.push(request)
                 }
                 Request::Window(request) => for_window.push(request),
@@ -35,9 +39,9 @@ impl Session {
                     self.viewer.mark(pixel, depth);
                 }
                 Request::Select(selecting) => later.extend(self.select(selecting)?.map(Request::Select)),
-                Request::SelectBall { pixel, radius_px, mode, goes_on } => {
+                Request::SelectBall { pixel, radius_px, mode, before, goes_on } => {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
-                    self.viewer.select_ball((pixel, depth), radius_px, mode, goes_on);
+                    self.viewer.select_ball((pixel, depth), radius_px, mode, (before, goes_on));
                 }
                 Request::SelectColour(pixel, mode) => self.select_colour(pixel, mode)?,
                 Request::FitRange => self.viewer.fit_range(),
@@ -78,7 +82,34 @@ impl Session {
             self.viewer.messages.error(needs_whole("the depth of a pixel"));
             return Ok(None);
         }
-        drawn.renderer.depth_at(pixel).map(Some)
+        let depth = drawn.renderer.depth_at(pixel);
+        self.or_message(depth)
+    }
+
+    /// The splats of a pixel of the first picture; `None`, with a message, if they cannot be listed.
+    pub(super) fn explained(&mut self, pixel: [u32; 2]) -> Result<Option<Explanation>> {
+        let Some((side, drawn)) = self.drawn_at(pixel) else { return Ok(None) };
+        if side == Side::Second {
+            self.viewer.messages.note("only the first picture is edited");
+            return Ok(None);
+        }
+        if drawn.gaussians.is_none() {
+            self.viewer.messages.error(needs_whole("a pixel's explanation"));
+            return Ok(None);
+        }
+        let explanation = drawn.renderer.explain(pixel);
+        self.or_message(explanation)
+    }
+
+    /// What was found at a pixel; a message in the place of an error that the picture outlives.
+    fn or_message<T>(&mut self, found: Result<T>) -> Result<Option<T>> {
+        match found {
+            Err(problem) if !problem.is::<DeviceLost>() && !problem.is::<OutOfMemory>() => {
+                self.viewer.messages.error(format!("{problem:#}"));
+                Ok(None)
+            }
+            found => found.map(Some),
+        }
     }
 
     /// Reads the pictures back if they are at rest and their values are needed, and compares them.
@@ -173,7 +204,8 @@ impl Session {
             self.viewer.messages.error(needs_whole("a pixel's explanation"));
             return Ok(());
         }
-        let explanation = drawn.renderer.explain(pixel)?;
+        let explanation = drawn.renderer.explain(pixel);
+        let Some(explanation) = self.or_message(explanation)? else { return Ok(()) };
         let colour = explanation.colour(self.viewer.view.background);
         let splats = explanation.splats.len();
         self.viewer.events.emit(&Event::Explained { pixel, splats, colour });

@@ -10,7 +10,7 @@ use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
 use crate::render::{Compare, Inspection, Marker, Quantity};
 use crate::rules::Response;
 use crate::viewer::model::{
-    CompareTarget, Counts, Event, InspectionSettings, Pair, Side, Viewer, WindowRequest, needs_whole,
+    CompareTarget, Counts, Event, InspectionSettings, Pair, Request, Side, Viewer, WindowRequest, needs_whole,
 };
 use crate::viewer::panels;
 
@@ -98,6 +98,7 @@ impl Session {
         self.marker = None;
         let editing = &mut self.viewer.editing;
         (editing.values, editing.contributions, editing.is_finding) = (None, None, false);
+        self.viewer.requests.retain(|request| !matches!(request, Request::Select(_)));
         self.screen = screen;
         self.reset_font_atlas();
         self.viewer.pictures.are_building = [false; 2];
@@ -219,7 +220,8 @@ impl Session {
         job_events::build(&mut self.viewer, &mut self.pair, device);
         job_events::fit_picture(&mut self.viewer, &mut self.pair, device)?;
         self.apply_edits(None)?;
-        self.prepare_values();
+        self.prepare_values()?;
+        self.report_edits();
         self.apply_inspection()?;
         self.viewer.pictures.are_stale |= self.has_wrong_size();
         let draws = self.viewer.pictures.are_stale;

@@ -1,5 +1,6 @@
 //! The appearance of a scene: factors on its colours and its opacities.
 
+use anyhow::{Result, ensure};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +30,13 @@ impl Default for Appearance {
 }
 
 impl Appearance {
+    /// Fails if a factor is negative or not finite.
+    pub fn check(&self) -> Result<()> {
+        let all = self.tint.map(f64::from).into_iter().chain([self.brightness, self.saturation, self.opacity]);
+        ensure!({ all }.all(|factor| (0.0..=1e6).contains(&factor)), "factors of colours are from 0 to 1,000,000");
+        Ok(())
+    }
+
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }

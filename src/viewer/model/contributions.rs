@@ -5,7 +5,7 @@ use anyhow::Result;
 use super::comparison::PictureContent;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::options::Options;
-use crate::render::{GpuScene, Marker, Pruner};
+use crate::render::{GpuScene, Pruner};
 
 /// Least contribution of a Gaussian that counts as visible: a smaller one changes no pixel by more than an 8-bit step.
 pub const MIN_VISIBLE: f32 = 1.0 / 255.0;
@@ -14,6 +14,8 @@ pub const MIN_VISIBLE: f32 = 1.0 / 255.0;
 pub struct Contributions {
     /// The picture.
     pub content: PictureContent,
+    /// The alpha below which the scene on the device is culled.
+    pub alpha_min: f32,
     /// By Gaussian of the joined scenes; 0 for those that are not drawn.
     pub all: Vec<f32>,
     /// The same, on the device.
@@ -21,21 +23,21 @@ pub struct Contributions {
 }
 
 impl Contributions {
-    /// Draws the view on the GPU without early termination, and records the contribution of each Gaussian. `options` are
-    /// those that the scene was uploaded for. Its marks may change meanwhile.
+    /// Draws the view on the GPU without early termination, and records the contribution of each Gaussian. `options`
+    /// are those that the scene was uploaded for.
     ///
     /// # Errors
     /// Memory runs out, or the device is lost.
     pub fn new(device: &Device, scene: &GpuScene, options: &Options, content: PictureContent) -> Result<Self> {
         // Gaussians that the scene on the device culls contribute nothing.
         let options = Options { rules: options.rules, stop: 0.0, ..options.untraded() };
-        let mut pruner = Pruner::of(device, &Marker::new(device)?.separated(scene)?, &options)?;
+        let mut pruner = Pruner::of(device, scene, &options)?;
         pruner.note(&content.view)?;
         let all: Vec<f32> = pruner.shares()?.iter().map(|share| share.largest).collect();
         let on_device = Buffer::new(device, "contributions", all.len())?;
         let mut cmd = Commands::new(device)?;
         cmd.upload(&on_device, 0, all.len(), |memory| memory.copy_from_slice(&all))?;
         cmd.submit()?.wait()?;
-        Ok(Self { content, all, on_device })
+        Ok(Self { content, alpha_min: options.rules.alpha_min, all, on_device })
     }
 }

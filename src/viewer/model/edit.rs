@@ -115,7 +115,10 @@ impl Edit {
     pub fn draws_same(&self, other: &Self) -> bool {
         let are_same = |a: &Set, b: &Set| Arc::ptr_eq(a, b);
         let shares = are_same(&self.hidden, &other.hidden) && are_same(&self.deleted, &other.deleted);
-        self.gaussians == other.gaussians && (shares || self.left_out().eq(other.left_out()))
+        let left_out = |counts: Counts| counts.hidden + counts.deleted;
+        self.gaussians == other.gaussians
+            && left_out(self.counts) == left_out(other.counts)
+            && (shares || self.left_out().eq(other.left_out()))
     }
 
     /// The edit with another set of selected Gaussians, without those that are not drawn.

@@ -30,6 +30,8 @@ pub struct Editing {
     pub values: Option<PropertyValues>,
     /// True if the page shows values of the property.
     pub are_values_due: bool,
+    /// The property whose values could not be computed, with the reason, so that the page does not try again.
+    pub refused: Option<(Property, String)>,
     /// Selections leave out Gaussians that contribute to no pixel.
     pub only_visible: bool,
     /// The last contributions that a job has found.
@@ -53,6 +55,7 @@ impl Default for Editing {
             range: [0.0, 0.05],
             values: None,
             are_values_due: false,
+            refused: None,
             only_visible: false,
             contributions: None,
             is_finding: false,

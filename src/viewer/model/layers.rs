@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use glam::{DQuat, DVec3, EulerRot};
 
 use super::appearance::Appearance;
@@ -203,16 +203,17 @@ impl Layer {
     }
 
     /// Stores the scene that was opened. Returns its Gaussians, and remarks for the user.
+    ///
+    /// # Errors
+    /// The layer is a part of another scene, or memory runs out.
     pub fn set_opened(&mut self, opened: OpenedScene) -> Result<(LoadedScene, Vec<String>)> {
         let (format, count, degree, report, notices, is_antialiased, scene) = match opened {
             OpenedScene::Whole(scene) => {
-                let Scene { gaussians, report, format, is_antialiased, mut notices, .. } = *scene;
-                let gaussians = match self.part.take_if(|part| part.gaussians() != gaussians.len()) {
-                    Some(_) => {
-                        notices.push("is another file than the one whose part it was".to_owned());
-                        gaussians
-                    }
-                    None => self.only_part(gaussians)?,
+                let Scene { gaussians, report, format, is_antialiased, notices, .. } = *scene;
+                let gaussians = match &self.part {
+                    Some(part) if part.gaussians() == gaussians.len() => gaussians.selected(&part.kept())?,
+                    Some(_) => bail!("{} is a part of a file with other Gaussians", self.name),
+                    None => gaussians,
                 };
                 let (count, degree) = (gaussians.len(), gaussians.sh_degree());
                 (format, count, degree, report, notices, is_antialiased, LoadedScene::Whole(Arc::new(gaussians)))
@@ -233,14 +234,6 @@ impl Layer {
         (self.progress, self.is_loaded) = (None, true);
         self.focus = Some(scene.focus());
         Ok((self.scene.insert(scene).clone(), remarks(&self.name, &report, &notices)))
-    }
-
-    /// The Gaussians that are in the part, if the layer is one.
-    fn only_part(&self, gaussians: Gaussians) -> Result<Gaussians> {
-        match &self.part {
-            Some(part) => Ok(gaussians.selected(&part.kept())?),
-            None => Ok(gaussians),
-        }
     }
 
     /// Bounds of the main content in the world; `None` before the scene is loaded, or if its placement is no transform.

@@ -76,7 +76,7 @@ pub(crate) use job_event::{JobEvent, Jobs, Origin, Reporter};
 pub use keys::Bindings;
 pub(crate) use keys::{ACTIONS, Action, Chord};
 pub(crate) use layers::{Layer, LayerSource, Placement};
-pub(crate) use loaded_scene::{LoadedScene, OpenedScene};
+pub(crate) use loaded_scene::{LoadedScene, OpenedScene, are_same};
 pub(crate) use measuring::{Measurement, Purpose};
 pub(crate) use photographs::{Photographs, camera_of, holds_photographs};
 pub(crate) use plan::{Drawn, MeasuredScene, Pair, Plan, Reusable, Second, Side, needs_whole};

@@ -44,6 +44,8 @@ pub struct Drawn {
     pub scene: GpuScene,
     /// The marks that the scene on the device has; `None` if they are not known.
     pub marks: Option<Marks>,
+    /// Only the Gaussians that the edits leave are on the device, where all of them were drawn in pages.
+    is_edited: bool,
     pub renderer: Renderer,
     /// Number of the build; distinguishes this picture from one that it replaced.
     pub generation: u64,
@@ -130,8 +132,8 @@ impl Plan {
     }
 
     /// Uploads the scene and draws it once, reusing equal parts of `reusable`. With a generation, later pictures do not
-    /// wait for pages, and the caller marks the scene; without one, every picture shows all pages, the edits of the
-    /// plan are marked, and the scene shares no marks with that of the window.
+    /// wait for pages, and the caller marks a scene that is reused; without one, every picture shows all pages, the
+    /// edits of the plan are marked, and the scene shares no marks with that of the window.
     pub fn build(
         self,
         device: &Device,
@@ -140,9 +142,9 @@ impl Plan {
         background: Background,
         generation: Option<u64>,
     ) -> Result<Drawn> {
-        let reusable = reusable.filter(|old| match old.scene.is_paged() {
-            true => draw_same(&old.plan.scenes, &self.scenes),
-            false => old.plan.has_scene_of(&self),
+        let reusable = reusable.filter(|old| match old.has_marks() {
+            true => old.plan.has_scene_of(&self),
+            false => draw_same(&old.plan.scenes, &self.scenes),
         });
         let (mut source, mut statistics) = match &reusable {
             Some(old) => (old.source.clone(), old.statistics.clone()),
@@ -162,12 +164,14 @@ impl Plan {
             let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
             source.upload_with(device, &options, Upload::reserving(BYTES_PER_PIXEL * pixels))
         };
+        let mut is_edited = reusable.as_ref().is_some_and(|old| old.is_edited);
         let reused = reusable.filter(|old| old.layout == layout && same_threshold(old)).map(|old| old.scene);
         let is_reused = reused.is_some();
         let mut scene = reused.map_or_else(|| upload(&source), Ok)?;
-        if !is_reused && scene.is_paged() && self.leaves_out() {
+        if !is_reused && !is_edited && scene.is_paged() && self.leaves_out() {
             // Pages have no marks, so only the drawn Gaussians are in them.
             drop(scene);
+            is_edited = true;
             let gaussians = self.edited()?;
             statistics = Arc::new(Statistics::of(&gaussians));
             source = SceneSource::shared(gaussians, statistics.clone());
@@ -175,7 +179,9 @@ impl Plan {
             scene = upload(&source)?;
         }
         let mut marks = (!is_reused).then(|| Marks { edits: vec![None; self.scenes.len()], has_selection: false });
-        if generation.is_none() && !scene.is_paged() && (is_reused || self.leaves_out()) {
+        let has_marks = !scene.is_paged() && !is_edited;
+        // The scene of the window is marked by its thread.
+        if has_marks && if is_reused { generation.is_none() } else { self.leaves_out() } {
             let marker = Marker::new(device)?;
             scene = if is_reused { marker.separated(&scene)? } else { scene };
             self.mark(&scene, &marker, false)?;
@@ -208,6 +214,7 @@ impl Plan {
             layout,
             scene,
             marks,
+            is_edited,
             renderer,
             generation,
             frame,
@@ -270,6 +277,14 @@ pub struct Reusable {
     statistics: Arc<Statistics>,
     layout: Layout,
     scene: GpuScene,
+    is_edited: bool,
+}
+
+impl Reusable {
+    /// As [`Drawn::has_marks`].
+    fn has_marks(&self) -> bool {
+        !self.scene.is_paged() && !self.is_edited
+    }
 }
 
 /// The scene of a measurement.
@@ -317,15 +332,35 @@ impl Drawn {
             statistics: self.statistics.clone(),
             layout: self.layout.clone(),
             scene: self.scene.clone(),
+            is_edited: self.is_edited,
         }
     }
 
-    /// True if the scenes of this plan need no other build: at most other marks, which pages have not.
+    /// True if all Gaussians are on the device, with marks that leave some out: pages have no marks.
+    pub fn has_marks(&self) -> bool {
+        !self.scene.is_paged() && !self.is_edited
+    }
+
+    /// True if the scenes of this plan need no other build: at most other marks.
     pub fn suits_scenes(&self, plan: &Plan) -> bool {
-        match self.scene.is_paged() {
-            true => draw_same(&self.plan.scenes, &plan.scenes),
-            false => self.plan.has_scene_of(plan),
+        match self.has_marks() {
+            true => self.plan.has_scene_of(plan),
+            false => draw_same(&self.plan.scenes, &plan.scenes),
         }
+    }
+
+    /// The scene of the plan that has a Gaussian of the joined scenes on the device, and its index there.
+    pub fn origin(&self, gaussian: usize) -> Option<(&DrawnScene, usize)> {
+        let mut left = gaussian;
+        for drawn in &self.plan.scenes {
+            let remaining = drawn.edit.as_ref().filter(|_| self.is_edited).map(|edit| edit.drawn());
+            let count = remaining.as_ref().map_or(drawn.scene.count(), Vec::len);
+            if left < count {
+                return Some((drawn, remaining.map_or(left, |remaining| remaining[left] as usize)));
+            }
+            left -= count;
+        }
+        None
     }
 
     /// True if a picture of this plan needs no other build.
@@ -336,7 +371,7 @@ impl Drawn {
     /// The drawn Gaussians and their statistics, for a measurement; `None` for a paged scene.
     pub fn measured(&self) -> Option<MeasuredScene> {
         let known = (self.gaussians.clone()?, self.statistics.clone());
-        let is_whole = self.scene.is_paged() || !self.plan.leaves_out();
+        let is_whole = self.is_edited || !self.plan.leaves_out();
         Some(if is_whole { MeasuredScene::Known(known) } else { MeasuredScene::Edited(self.plan.clone()) })
     }
 

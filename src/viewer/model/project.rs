@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::appearance::Appearance;
+use super::edit::Edit;
 use super::layers::Placement;
 use crate::camera::{Camera, Timeline, Up, from_json, to_json};
 use crate::files::{read_whole, write_whole};
@@ -125,6 +126,9 @@ impl Project {
         project.up()?;
         for scene in &project.scenes {
             scene.placement().transform().with_context(|| scene.scene.clone())?;
+            scene.appearance.check().with_context(|| scene.scene.clone())?;
+            let has_runs = Edit::from_runs(&scene.part).is_some() && Edit::from_runs(&scene.edit).is_some();
+            ensure!(has_runs, "{}: its edit or its part has no valid runs", scene.scene);
         }
         Ok(project)
     }

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use super::contributions::Contributions;
-use super::edit::Selection;
+use super::edit::{Edit, Selection};
+use crate::camera::Camera;
 use crate::gpu::Vsync;
 use crate::render::SelectionMode;
 
@@ -23,6 +24,7 @@ pub enum Request {
         pixel: [u32; 2],
         radius_px: f64,
         mode: SelectionMode,
+        before: Vec<(u64, Option<Arc<Edit>>)>,
         /// A stroke goes on: there is no message.
         goes_on: bool,
     },
@@ -48,6 +50,10 @@ pub enum Request {
 pub struct Selecting {
     pub selection: Selection,
     pub mode: SelectionMode,
+    /// The view at the time of the request.
+    pub view: Camera,
+    /// The edits of layers, by their numbers, that the selection starts from; empty for the current ones.
+    pub before: Vec<(u64, Option<Arc<Edit>>)>,
     /// The contributions to the view at the time of the request, once a job has found them.
     pub contributions: Option<Arc<Contributions>>,
     /// A stroke goes on: there is no message.

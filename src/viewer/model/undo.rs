@@ -73,8 +73,8 @@ pub struct UndoState {
     pub background: Background,
     pub timeline: Timeline,
     pub layers: Vec<LayerState>,
-    /// Number of layers that were separated from others.
-    pub parts: usize,
+    /// Numbers of layers that were separated from others.
+    pub parts: Vec<u64>,
     /// Layer number and edit.
     pub edits: Vec<(u64, Option<Arc<Edit>>)>,
 }
@@ -93,7 +93,7 @@ impl UndoState {
         let turned = KNOBS.iter().filter(|knob| (knob.get)(options) != (knob.get)(&next.options));
         let turned: Vec<&str> = turned.map(|knob| knob.name).collect();
         match (changed, &turned[..]) {
-            _ if *parts != next.parts => Some("the separated scene".to_owned()),
+            _ if next.parts.iter().any(|part| !parts.contains(part)) => Some("the separated scene".to_owned()),
             (Some((before, after)), _) if are_open => {
                 let what = match () {
                     () if before.placement != after.placement => "the placement",
@@ -127,8 +127,9 @@ impl UndoState {
         let count = |number: usize| indicatif::HumanCount(number as u64);
         let changed = ["selected", "hidden", "deleted"].into_iter().zip(before.into_iter().zip(after));
         let changed = changed.filter(|(_, (before, after))| before != after);
-        let text: Vec<String> =
-            changed.map(|(name, (before, after))| format!("{} {name}, from {}", count(after), count(before))).collect();
+        let text: Vec<String> = changed
+            .map(|(name, (before, after))| format!("{name} Gaussians ({} to {})", count(before), count(after)))
+            .collect();
         match text.is_empty() {
             true => "other Gaussians selected, hidden or deleted".to_owned(),
             false => text.join("; "),

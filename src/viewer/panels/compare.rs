@@ -27,7 +27,9 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             viewer.compare_with_photographs();
         }
     });
-    if matches!(viewer.comparison.target, CompareTarget::Options(_)) && viewer.scenes.layers.len() > 1 {
+    let layers = &viewer.scenes.layers;
+    let has_sets = layers.len() > 1 || layers.iter().any(|layer| layer.is_shown[0] != layer.is_shown[1]);
+    if matches!(viewer.comparison.target, CompareTarget::Options(_)) && has_sets {
         Grid::new("sets").num_columns(3).show(ui, |ui| {
             for title in ["first", "second"] {
                 ui.weak(title);

@@ -21,7 +21,9 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         ui.strong(*name);
         ui.label(*help);
     }
-    ui.weak("Shift adds, Ctrl subtracts; with Alt, and with the other buttons, the view moves as ever.");
+    if !matches!(viewer.editing.tool, Tool::Look | Tool::Box | Tool::Place) {
+        ui.weak("Shift adds, Ctrl subtracts; with Alt, and with the other buttons, the view moves as ever.");
+    }
     match viewer.editing.tool {
         Tool::Brush => {
             let field = DragValue::new(&mut viewer.editing.brush_px).range(1.0..=500.0).suffix(" px");
@@ -157,9 +159,14 @@ fn by_value(viewer: &mut Viewer, ui: &mut Ui) {
             ui.label(*name);
             // In steps that suit numbers of any size.
             let speed = f64::from(*value).clamp(1e-5, 1e3) * 0.01;
-            ui.add(DragValue::new(value).speed(speed).range(0.0..=f32::MAX).custom_formatter(|v, _| short(v as f32)));
+            ui.add(DragValue::new(value).speed(speed).range(0.0..=f32::MAX).custom_formatter(|v, _| limit(v as f32)));
         }
     });
+    if let Some((_, why)) = &viewer.editing.refused {
+        ui.weak(why);
+    } else if viewer.editing.is_finding {
+        ui.weak("values are computed");
+    }
     let known = viewer.editing.values.as_ref().filter(|values| values.property == viewer.editing.property);
     let dragged = known.and_then(|values| histogram(&values.histogram, &mut viewer.editing.range, ui));
     let selection = Selection::Values(viewer.editing.property, viewer.editing.range[0]..=viewer.editing.range[1]);
@@ -207,6 +214,11 @@ fn histogram(histogram: &Histogram, range: &mut [f32; 2], ui: &mut Ui) -> Option
         *range = [low, if high < 1.0 { histogram.value(high) } else { f32::MAX }];
     }
     is_dragged.then_some(!response.drag_stopped())
+}
+
+/// An end of a range.
+fn limit(value: f32) -> String {
+    if value == f32::MAX { "no limit".to_owned() } else { short(value) }
 }
 
 /// A number with few digits.

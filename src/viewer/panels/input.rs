@@ -160,8 +160,10 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui, is_typing: bool) {
             viewer.use_tool(tool);
         }
     }
-    (0..presses(viewer, ui, Action::Undo, true)).for_each(|_| viewer.undo(false));
-    (0..presses(viewer, ui, Action::Redo, true)).for_each(|_| viewer.undo(true));
+    // A stroke is undone once it has ended.
+    let has_stroke = viewer.pointer.stroke.is_some();
+    (0..presses(viewer, ui, Action::Undo, true)).filter(|_| !has_stroke).for_each(|_| viewer.undo(false));
+    (0..presses(viewer, ui, Action::Redo, true)).filter(|_| !has_stroke).for_each(|_| viewer.undo(true));
     for (action, change) in [
         // Before the action that has the same key without Shift.
         (Action::ShowHidden, Change::ShowHidden),
@@ -171,7 +173,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui, is_typing: bool) {
         (Action::SelectNone, Change::SelectNone),
         (Action::Invert, Change::Invert),
     ] {
-        if viewer.is_editing() && pressed(viewer, ui, action) {
+        if viewer.is_editing() && pressed(viewer, ui, action) && viewer.pointer.stroke.is_none() {
             viewer.change(change);
         }
     }
@@ -299,6 +301,7 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
         }
     }
     if response.double_clicked_by(PointerButton::Primary)
+        && !viewer.uses_tool()
         && let Some(pixel) = pixel_under_cursor(viewer, ui)
     {
         viewer.requests.push(Request::Focus(pixel));

@@ -143,7 +143,11 @@ fn show_layer(layer: &mut Layer, ui: &mut Ui) -> Option<RowRequest> {
         let appearance = &mut layer.appearance;
         egui::Grid::new("appearance").show(ui, |ui| {
             ui.label("Tint").on_hover_text("factors on red, green and blue");
-            ui.color_edit_button_rgb(&mut appearance.tint);
+            // The button rounds what it shows.
+            let mut tint = appearance.tint;
+            if ui.color_edit_button_rgb(&mut tint).changed() {
+                appearance.tint = tint;
+            }
             ui.end_row();
             for (name, value, most) in [
                 ("Brightness", &mut appearance.brightness, 10.0),

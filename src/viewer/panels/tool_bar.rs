@@ -12,16 +12,23 @@ const BUTTON: f32 = 28.0;
 
 /// Shows the bar at the left edge of the picture, if it has room for it.
 pub(super) fn show(viewer: &mut Viewer, free: Rect, ui: &Ui) {
-    let height = BUTTON * (Tool::ALL.len() as f32 + 1.0);
-    let is_needed = !viewer.panels.are_hidden && !viewer.scenes.layers.is_empty() && !viewer.scenes.are_paged();
-    if !is_needed || free.height() < height || free.width() < 8.0 * BUTTON {
+    // Selections need the whole scene in memory.
+    let is_paged = viewer.scenes.are_paged();
+    let is_usable = |tool: Tool| !is_paged || matches!(tool, Tool::Look | Tool::Place);
+    let tools: Vec<_> = Tool::ALL.into_iter().filter(|(tool, ..)| is_usable(*tool)).collect();
+    let height = BUTTON * (tools.len() as f32 + 1.0);
+    if viewer.panels.are_hidden
+        || viewer.scenes.layers.is_empty()
+        || free.height() < height
+        || free.width() < 8.0 * BUTTON
+    {
         return;
     }
     let area = Area::new("tools".into()).pivot(Align2::LEFT_CENTER).fixed_pos(free.left_center() + vec2(8.0, 0.0));
     area.order(Order::Middle).fade_in(false).show(ui.ctx(), |ui| {
         Frame::popup(ui.style()).inner_margin(2.0).show(ui, |ui| {
             ui.spacing_mut().item_spacing = vec2(0.0, 0.0);
-            for (tool, action, name, help) in Tool::ALL {
+            for (tool, action, name, help) in tools {
                 let key = viewer.setup.bindings.text(action);
                 let icon = RichText::new(icon(tool)).size(ICON);
                 let button = Button::selectable(viewer.editing.tool == tool, icon).min_size(vec2(BUTTON, BUTTON));
