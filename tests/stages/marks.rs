@@ -41,7 +41,7 @@ fn figures_select_as_their_twin() {
     let view = camera();
     let at = |x: f64, y: f64| DVec2::new(x, y);
     let star = (0..5).map(|i| f64::from(i * 2) * 1.2566).map(|a| at(48.0 + 30.0 * a.sin(), 32.0 - 30.0 * a.cos()));
-    let way = (0..20).map(|i| f64::from(i)).map(|i| at(5.0 * i, 32.0 + 20.0 * (0.7 * i).sin())).collect();
+    let way = (0..20).map(f64::from).map(|i| at(5.0 * i, 32.0 + 20.0 * (0.7 * i).sin())).collect();
     let figures = [
         Figure::Outline(Outline::Rectangle(at(70.0, 10.0), at(20.0, 50.0))),
         Figure::Outline(Outline::Lasso(star.collect())),
@@ -171,9 +171,9 @@ fn selected_gaussians_are_tinted() {
         let is_selected = has(&selected, before.gaussian as usize);
         let weight = if is_selected { TINT_WEIGHT } else { 0.0 };
         kinds[usize::from(is_selected)] += 1;
-        for channel in 0..3 {
-            let mixed = before.colour[channel] * (1.0 - weight) + TINT[channel] * weight;
-            assert!((after.colour[channel] - mixed).abs() < 1e-6, "{before:?} {after:?}");
+        for ((before, after), tint) in before.colour.into_iter().zip(after.colour).zip(TINT) {
+            let mixed = before * (1.0 - weight) + tint * weight;
+            assert!((after - mixed).abs() < 1e-6, "{after} instead of {mixed}");
         }
     }
     assert!(kinds.iter().all(|count| *count > 3), "{kinds:?}");

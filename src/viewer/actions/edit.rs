@@ -12,7 +12,7 @@ use crate::pagefile::write::Job;
 use crate::render::{Outline, SelectionMode};
 use crate::scene::{Gaussians, Scene};
 use crate::viewer::model::{
-    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, JobEvent, Layer, LoadedScene, Property,
+    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, Edits, JobEvent, Layer, LoadedScene, Property,
     PropertyValues, Reporter, Request, Selecting, Selection, Tool, ToolStroke, Viewer, needs_whole,
 };
 
@@ -36,12 +36,7 @@ impl Viewer {
     }
 
     /// Requests a selection that starts from these edits of layers; true if its stroke goes on.
-    fn request_selection(
-        &mut self,
-        selection: Selection,
-        mode: SelectionMode,
-        (before, goes_on): (Vec<(u64, Option<Arc<Edit>>)>, bool),
-    ) {
+    fn request_selection(&mut self, selection: Selection, mode: SelectionMode, (before, goes_on): (Edits, bool)) {
         let view = self.view.camera();
         self.requests.push(Request::Select(Selecting { selection, mode, view, before, contributions: None, goes_on }));
     }
@@ -237,7 +232,7 @@ impl Viewer {
     }
 
     /// Goes back to these edits of layers, by their numbers.
-    pub fn restore_edits(&mut self, before: Vec<(u64, Option<Arc<Edit>>)>) {
+    pub fn restore_edits(&mut self, before: Edits) {
         for (number, edit) in before {
             let Some(index) = self.scenes.index_of(number) else { continue };
             // The scene may have been read again.
@@ -271,7 +266,7 @@ impl Viewer {
         (pixel, depth): ([u32; 2], Option<f32>),
         radius_px: f64,
         mode: SelectionMode,
-        (before, goes_on): (Vec<(u64, Option<Arc<Edit>>)>, bool),
+        (before, goes_on): (Edits, bool),
     ) {
         let Some(depth) = depth.map(f64::from) else {
             if !goes_on {

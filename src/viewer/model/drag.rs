@@ -1,11 +1,9 @@
 //! The pointer over the picture: drags, strokes of tools, and handles.
 
-use std::sync::Arc;
-
 use egui::{PointerButton, Pos2};
 use glam::DVec2;
 
-use super::edit::Edit;
+use super::edit::Edits;
 use super::keys::Action;
 use crate::render::SelectionMode;
 
@@ -122,7 +120,7 @@ pub struct ToolStroke {
     pub points: Vec<DVec2>,
     pub mode: SelectionMode,
     /// The edits of layers, by their numbers, before the stroke.
-    pub before: Vec<(u64, Option<Arc<Edit>>)>,
+    pub before: Edits,
     /// Number of points that the brush has painted.
     pub painted: usize,
 }

@@ -12,6 +12,9 @@ use crate::scene::{Gaussians, harmonics};
 /// A set of Gaussians: a bit for each. A clone shares them.
 type Set = Arc<[u32]>;
 
+/// The edits of layers, by their numbers.
+pub type Edits = Vec<(u64, Option<Arc<Edit>>)>;
+
 /// Numbers of a run in a project file: 1 if its Gaussians are selected, plus 2 if hidden, plus 4 if deleted.
 const SELECTED: u8 = 1;
 const HIDDEN: u8 = 2;

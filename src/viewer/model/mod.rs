@@ -66,7 +66,7 @@ pub(crate) use dialog::{CAMERAS, DialogResult, PICTURES, SaveTarget};
 pub use drag::Tool;
 pub(crate) use drag::{Drag, DragMotion, Handle, ToolStroke};
 pub use edit::{Change, Counts, Property, Selection};
-pub(crate) use edit::{Edit, base_colour, part_of_set, set_of};
+pub(crate) use edit::{Edit, Edits, base_colour, part_of_set, set_of};
 pub(crate) use evaluation::{Evaluation, EvaluationRow, PosedPhotograph};
 pub use events::Event;
 pub use frame_times::Digest;

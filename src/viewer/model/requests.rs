@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::contributions::Contributions;
-use super::edit::{Edit, Selection};
+use super::edit::{Edits, Selection};
 use crate::camera::Camera;
 use crate::gpu::Vsync;
 use crate::render::SelectionMode;
@@ -24,7 +24,7 @@ pub enum Request {
         pixel: [u32; 2],
         radius_px: f64,
         mode: SelectionMode,
-        before: Vec<(u64, Option<Arc<Edit>>)>,
+        before: Edits,
         /// A stroke goes on: there is no message.
         goes_on: bool,
     },
@@ -53,7 +53,7 @@ pub struct Selecting {
     /// The view at the time of the request.
     pub view: Camera,
     /// The edits of layers, by their numbers, that the selection starts from; empty for the current ones.
-    pub before: Vec<(u64, Option<Arc<Edit>>)>,
+    pub before: Edits,
     /// The contributions to the view at the time of the request, once a job has found them.
     pub contributions: Option<Arc<Contributions>>,
     /// A stroke goes on: there is no message.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::appearance::Appearance;
-use super::edit::Edit;
+use super::edit::{Edit, Edits};
 use super::layers::Placement;
 use crate::camera::{Camera, Timeline};
 use crate::options::{KNOBS, Options};
@@ -76,7 +76,7 @@ pub struct UndoState {
     /// Numbers of layers that were separated from others.
     pub parts: Vec<u64>,
     /// Layer number and edit.
-    pub edits: Vec<(u64, Option<Arc<Edit>>)>,
+    pub edits: Edits,
 }
 
 impl UndoState {
