@@ -89,6 +89,7 @@ pub fn take<'w>(planes: impl Iterator<Item = &'w [u32]>, k: usize, words: &mut [
 
 /// Two bfloat16, rounded up. The lower half is the number of standard deviations from the mean at which alpha falls to
 /// `alpha_min`. The upper half is the same in world units along the longest axis, or -1 if alpha is lower everywhere.
+/// Their signs are marks on the device (`glsl/shared/marks.glsl`).
 pub fn reach(scale: [f32; 3], opacity: f32, alpha_min: f64) -> u32 {
     let opacity = f64::from(opacity);
     if opacity < alpha_min {

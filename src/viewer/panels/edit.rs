@@ -122,7 +122,10 @@ fn selection(viewer: &mut Viewer, ui: &mut Ui) {
         }
     });
     if selected > 0 {
-        ui.weak("What is selected is shown in yellow; what is written has its own colours.");
+        ui.weak(
+            "What is selected is shown in yellow, unless pictures are compared or the scene is drawn in pages; what is \
+             written has its own colours.",
+        );
     }
 }
 

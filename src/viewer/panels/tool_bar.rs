@@ -29,10 +29,14 @@ pub(super) fn show(viewer: &mut Viewer, free: Rect, ui: &Ui) {
         Frame::popup(ui.style()).inner_margin(2.0).show(ui, |ui| {
             ui.spacing_mut().item_spacing = vec2(0.0, 0.0);
             for (tool, action, name, help) in tools {
-                let key = viewer.setup.bindings.text(action);
                 let icon = RichText::new(icon(tool)).size(ICON);
                 let button = Button::selectable(viewer.editing.tool == tool, icon).min_size(vec2(BUTTON, BUTTON));
-                if ui.add(button).on_hover_text(format!("{name} ({key})\n{help}")).clicked() {
+                // The text is made only where it is seen.
+                let hint = |ui: &mut Ui| {
+                    let key = viewer.setup.bindings.text(action);
+                    ui.label(format!("{name} ({key})\n{help}"));
+                };
+                if ui.add(button).on_hover_ui(hint).clicked() {
                     viewer.use_tool(tool);
                 }
             }
