@@ -3,8 +3,8 @@
 #include "shared/frame.glsl"
 #include "pages/page.glsl"
 #include "lod/selection.glsl"
-// One invocation per page and placed view: tests whether the page may have splats in the image, counts its samples in
-// the image, and computes the width of a pixel at its group.
+// One invocation per page and placed view of its scene: tests whether the page may have splats in the image, counts its
+// samples in the image, and computes the width of a pixel at its group.
 // Before: the draw list has the views, the state is 0. After: `in_view` has the pages in view, in any order: sums are
 // of whole numbers, and splats are sorted.
 
@@ -19,7 +19,7 @@ layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
     float per_focal_squared;  // 1 / the larger focal length^2
     uint pages;
-    uint views;
+    uint views;  // the most of a page
     uint capacity;  // of `in_view`
 } push;
 
@@ -92,16 +92,17 @@ void main() {
     uint number = workgroup() * WORKGROUP + lane();
     uint page = number % push.pages, placement = number / push.pages;
     if (placement >= push.views) return;
-    uint first = placement * VIEW_ELEMENTS;
+    PageBox box = boxes[page];
+    if (placement >= floatBitsToUint(box.views)) return;
+    uint number_of_view = floatBitsToUint(box.first_view) + placement, first = number_of_view * VIEW_ELEMENTS;
     view = placed_view_of(uintBitsToFloat(draw_list[first]), uintBitsToFloat(draw_list[first + 1]),
         uintBitsToFloat(draw_list[first + 2]), uintBitsToFloat(draw_list[first + 3]),
         uintBitsToFloat(draw_list[first + 4]));
-    PageBox box = boxes[page];
     if (!may_be_seen(box)) return;
     uint parent = errors[page].parent;
     vec2 widths = vec2(width_squared(page), parent == NO_PAGE ? 0.0 : width_squared(parent));
     // Samples may miss a page that is small in the image; with weight 0, the coarsest level would be free of error.
     uint weight = max(samples_in_image(page, box), 1);
     uint before = atomicAdd(state.in_view, 1);
-    if (before < push.capacity) in_view[before] = packed(PageInView(page, placement, weight, widths));
+    if (before < push.capacity) in_view[before] = packed(PageInView(page, number_of_view, weight, widths));
 }

@@ -15,6 +15,7 @@ use super::knobs::Knobs;
 use super::render::parse_background;
 use super::scenes::{ReadingArgs, SceneArg};
 use super::{Usage, complain, knobs, remark, say, size_text, values};
+use crate::cli::drawable::read_places;
 use crate::files::check_writable;
 use crate::gpu::Vsync;
 use crate::measure::bench::Statistics;
@@ -48,6 +49,11 @@ pub(super) struct Args {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     lens: LensArgs,
+    /// Draw the first scene at every place of a list (docs/side-files.md)
+    ///
+    /// Only the fast path draws them. Lists can be dropped on the window, too.
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE")]
+    place: Option<PathBuf>,
     /// Begin at this camera: 7, -1 or an image name [default: first]
     ///
     /// A position is a number from 0 on, or from -1 for the last backwards. An image name is written with or without
@@ -225,6 +231,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         reading: args.reading.reading()?,
         reading_options: args.reading.options(),
         cameras: args.cameras.clone(),
+        places: args.place.clone().zip(read_places(args.place.as_deref())?),
         start: start(args)?,
         background: args.background,
         lenses: args.lens.choice(),
@@ -311,7 +318,7 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
         (None, _) => Vec::new(),
     };
     let device = args.device.open()?;
-    let Summary { interval_ms, late, path, gpu, pages, first_frame_ms, latency_ms, screen } =
+    let Summary { interval_ms, late, path, gpu, pages, first_frame_ms, layout_ms, latency_ms, screen } =
         viewer::run_offscreen(setup, &device, size, frames, path)?;
     if let Some(file) = &args.screen {
         write_rgba8(file, size, &screen)?;
@@ -321,6 +328,9 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
     say!("  from frame to frame   mean {mean:.3} ms, median {median:.3} ms, p95 {p95:.3} ms")?;
     if let Some(late) = late {
         say!("  late                  {late} frames were not ready after 1/{PATH_FPS:.0} s")?;
+    }
+    if let Some(Statistics { mean, p95, .. }) = layout_ms {
+        say!("  layout of the panels  mean {mean:.3} ms, p95 {p95:.3} ms of the processor")?;
     }
     say!("  input to submission   mean {latency_ms:.3} ms")?;
     if let Some(path) = path {

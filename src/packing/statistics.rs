@@ -51,6 +51,34 @@ impl Statistics {
         all.finish()
     }
 
+    /// Statistics that suit several scenes together: bounds of what they need. The extent and the focus are those
+    /// around all of them, as if they were at one place.
+    ///
+    /// # Panics
+    /// If there is no scene.
+    pub fn joined<'a>(scenes: impl Iterator<Item = &'a Self>) -> Self {
+        let joined = scenes.cloned().reduce(|a, b| {
+            let smallest = match (a.scales[0], b.scales[0]) {
+                (0.0, other) | (other, 0.0) => other,
+                (a, b) => a.min(b),
+            };
+            let sh = std::array::from_fn(|i| [a.sh[i][0].min(b.sh[i][0]), a.sh[i][1].max(b.sh[i][1])]);
+            Self {
+                count: a.count + b.count,
+                sh_degree: a.sh_degree.max(b.sh_degree),
+                extent: a.extent.around(b.extent),
+                focus: if a.focus.radius >= b.focus.radius { a.focus } else { b.focus },
+                requirements: a.requirements.joined(&b.requirements),
+                scales: [smallest, a.scales[1].max(b.scales[1])],
+                is_flat: a.is_flat || b.is_flat,
+                highest_opacity: a.highest_opacity.max(b.highest_opacity),
+                sh,
+                half_errors: std::array::from_fn(|i| a.half_errors[i].max(b.half_errors[i])),
+            }
+        });
+        joined.expect("there is a scene")
+    }
+
     /// The statistics of the same scene with levels of detail, whose nodes may be as large as the scene.
     #[must_use]
     pub fn with_room_for_levels(mut self) -> Self {

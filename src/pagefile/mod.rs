@@ -26,7 +26,7 @@ pub use header::{HEADER, Header, LodSections};
 pub use nodes::nodes_of;
 pub use page::{Entry, PADDING, PAGE, Page, PageWords};
 pub use page_lod::{LEVEL_WORDS, NO_NODE, NO_PAGE, PARTS, PageLod, SAMPLES, level_words};
-pub use pages::Pages;
+pub use pages::{PagedScene, Pages};
 pub use read_whole::read;
 pub use reader::{PageFile, is_page_file};
 pub use static_lod::static_level;

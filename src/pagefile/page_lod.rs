@@ -1,5 +1,6 @@
 //! The levels of detail of one page: its entry in the table of levels, and the words of levels of its nodes.
 
+use super::page::Page;
 use crate::lod::{FINEST, NEVER, Node, code_of};
 use crate::scene::along_curve;
 
@@ -14,6 +15,9 @@ pub const NO_PAGE: u32 = u32::MAX;
 
 /// Words of levels of a node: its own error and its parent's, its opacity and the sum of opacities.
 pub const LEVEL_WORDS: usize = 2;
+
+/// The words of levels of a Gaussian of a scene without levels, which is in every cut.
+pub const ALWAYS: [u32; LEVEL_WORDS] = [(NEVER as u32) << 16, 0];
 
 /// A page in a hierarchy. All of its nodes have one distance: that of the camera to a box, which contains the boxes of
 /// all pages whose parents are in this page.
@@ -72,6 +76,29 @@ impl PageLod {
             samples: samples(nodes),
             checksum: 0,
         }
+    }
+
+    /// The entry of a page of a scene without levels: its nodes are in every cut.
+    pub fn always(page: &Page) -> Self {
+        Self {
+            low: page.low,
+            high: page.high,
+            reference_width: 0.0,
+            parent: NO_PAGE,
+            highest_opacity: page.highest_opacity,
+            least_error: 0,
+            errors: [0; PARTS],
+            parent_errors: [NEVER; PARTS],
+            squared_errors: [0; PARTS],
+            samples: [0; SAMPLES],
+            checksum: 0,
+        }
+    }
+
+    /// The same entry in a table in which `pages` others come before it.
+    pub fn after(self, pages: u32) -> Self {
+        let parent = if self.parent == NO_PAGE { NO_PAGE } else { self.parent + pages };
+        Self { parent, ..self }
     }
 
     pub fn encoded(&self) -> [u8; Self::BYTES] {

@@ -7,11 +7,11 @@ use anyhow::Result;
 use rayon::prelude::*;
 
 use super::page::{PADDING, PAGE, Page, PageWords};
-use super::page_lod::{LEVEL_WORDS, PageLod};
+use super::page_lod::{ALWAYS, LEVEL_WORDS, NO_NODE, PageLod};
 use super::reader::PageFile;
 use crate::options::{Options, Storage};
-use crate::packing::{Layout, Packing, Shape, Statistics, reach};
-use crate::scene::Gaussians;
+use crate::packing::{Layout, Shape, Statistics, reach};
+use crate::scene::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// The pages of a scene. A clone shares them, and any number of threads may read.
 #[derive(Clone)]
@@ -26,7 +26,25 @@ struct Inner {
     pages: Vec<Page>,
     /// The pages include those of the levels of detail.
     has_levels: bool,
+    /// The table of levels of several scenes together.
+    joined_levels: Vec<PageLod>,
     notice: Option<String>,
+}
+
+/// A scene of which pages are made.
+#[derive(Clone)]
+pub enum PagedScene {
+    File(Arc<PageFile>),
+    Memory(Arc<Gaussians>, Arc<Statistics>),
+}
+
+impl PagedScene {
+    pub fn statistics(&self) -> &Statistics {
+        match self {
+            Self::File(file) => &file.header().statistics,
+            Self::Memory(_, statistics) => statistics,
+        }
+    }
 }
 
 enum Source {
@@ -36,6 +54,8 @@ enum Source {
     Repacked(Arc<PageFile>),
     /// Gaussians, and their indices in the order of the pages.
     Memory { gaussians: Arc<Gaussians>, order: Vec<u32> },
+    /// Several scenes of one layout, each with its first page and the index of its first Gaussian.
+    Joined(Vec<(Pages, usize, u32)>),
 }
 
 impl Pages {
@@ -43,20 +63,28 @@ impl Pages {
     /// its levels of detail are included if the options use levels.
     pub fn of_file(file: Arc<PageFile>, options: &Options) -> Self {
         let header = file.header();
-        let (statistics, alpha_min) = (header.statistics.clone(), options.rules.alpha_min);
-        let (stored, has_reaches) = (&header.layout, header.alpha_min == alpha_min);
+        let (statistics, alpha_min) = (&header.statistics, options.rules.alpha_min);
         let has_levels = options.wants_levels() && header.levels.is_some();
-        let (wanted, all) = match has_levels {
-            true => (Layout::of_nodes(&statistics, options), file.pages()),
-            false => (Layout::of(&statistics, options), &file.pages()[..header.scene_pages()]),
+        let wanted = match has_levels {
+            true => Layout::of_nodes(statistics, options),
+            false => Layout::of(statistics, options),
         };
+        Self::of_file_in(file, wanted, alpha_min, has_levels)
+    }
+
+    /// The pages of a file in a layout, or in its own layout if it was stored with loss and the layout does not keep
+    /// all of that.
+    fn of_file_in(file: Arc<PageFile>, wanted: Layout, alpha_min: f32, has_levels: bool) -> Self {
+        let header = file.header();
+        let (statistics, stored) = (header.statistics.clone(), &header.layout);
+        let has_reaches = header.alpha_min == alpha_min;
+        let all = if has_levels { file.pages() } else { &file.pages()[..header.scene_pages()] };
         let plain = |pages: &[Page]| match has_reaches {
             true => pages.to_vec(),
             false => pages.iter().map(|page| page.at(alpha_min, 1.0, 0.0)).collect(),
         };
-        let is_whole = |packing: Packing| packing.storage == Storage::F32 && packing.is_lossless;
-        let is_lossless =
-            is_whole(stored.sh) && is_whole(stored.shape) && stored.sh_degree >= statistics.requirements.sh_degree;
+        let keeps_all = is_whole(&wanted) && wanted.sh_degree >= stored.sh_degree;
+        let is_lossless = is_whole(stored) && stored.sh_degree >= statistics.requirements.sh_degree || keeps_all;
         let is_same = stored.has_words_of(&wanted);
         let (layout, pages, notice) = if is_same {
             (wanted, plain(all), None)
@@ -73,13 +101,64 @@ impl Pages {
         };
         let words = PageWords::of(&layout);
         let source = if is_lossless && !is_same { Source::Repacked(file) } else { Source::File { file, has_reaches } };
-        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, has_levels, notice }))
+        let joined_levels = Vec::new();
+        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, has_levels, joined_levels, notice }))
+    }
+
+    /// The pages of several scenes, one after another, in one layout: that of `options` if each scene can be brought
+    /// into it without loss, otherwise in 32-bit floats. Indices of a scene continue those of the one before.
+    pub fn joined(scenes: &[PagedScene], options: &Options) -> Self {
+        let statistics = Statistics::joined(scenes.iter().map(PagedScene::statistics));
+        let has_levels = options.wants_levels();
+        let wanted = |options: &Options| match has_levels {
+            true => Layout::of_nodes(&statistics, options),
+            false => Layout::of(&statistics, options),
+        };
+        let alpha_min = options.rules.alpha_min;
+        let pages_in = |layout: &Layout| {
+            let of_scene = |scene: &PagedScene| match scene {
+                PagedScene::File(file) => Self::of_file_in(file.clone(), layout.clone(), alpha_min, has_levels),
+                PagedScene::Memory(gaussians, statistics) => {
+                    Self::of_gaussians_in(gaussians.clone(), Statistics::clone(statistics), layout.clone(), alpha_min)
+                }
+            };
+            scenes.iter().map(of_scene).collect::<Vec<_>>()
+        };
+        let mut layout = wanted(options);
+        let mut all = pages_in(&layout);
+        if all.iter().any(|pages| !pages.layout().has_words_of(&layout)) {
+            layout = wanted(&Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..*options });
+            all = pages_in(&layout);
+        }
+        let (mut joined, mut pages, mut joined_levels, mut nodes) = (Vec::new(), Vec::new(), Vec::new(), 0);
+        for scene in all {
+            let first = pages.len();
+            if has_levels {
+                joined_levels.extend((0..scene.pages().len()).map(|page| scene.level(page).after(first as u32)));
+            }
+            pages.extend_from_slice(scene.pages());
+            let count = scene.nodes() as u32;
+            joined.push((scene, first, nodes));
+            nodes += count;
+        }
+        let (words, source) = (PageWords::of(&layout), Source::Joined(joined));
+        let notice = None;
+        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, has_levels, joined_levels, notice }))
+    }
+
+    /// The entry of a page in the table of levels. A page of a scene without levels is in every cut.
+    fn level(&self, page: usize) -> PageLod {
+        self.levels().map_or_else(|| PageLod::always(&self.pages()[page]), |levels| levels[page])
     }
 
     /// The pages of Gaussians in memory, in the layout of `options`. They are packed when they are read.
     pub fn of_gaussians(gaussians: Arc<Gaussians>, statistics: Statistics, options: &Options) -> Self {
         let layout = Layout::of(&statistics, options);
-        let (words, alpha_min) = (PageWords::of(&layout), options.rules.alpha_min);
+        Self::of_gaussians_in(gaussians, statistics, layout, options.rules.alpha_min)
+    }
+
+    fn of_gaussians_in(gaussians: Arc<Gaussians>, statistics: Statistics, layout: Layout, alpha_min: f32) -> Self {
+        let words = PageWords::of(&layout);
         let order = statistics.curve().order(gaussians.means());
         let page = |indices: &[u32]| {
             let mut geometry = vec![0; words.geometry()];
@@ -89,8 +168,8 @@ impl Pages {
         };
         let pages = order.par_chunks(PAGE).map(page).collect();
         let source = Source::Memory { gaussians, order };
-        let (has_levels, notice) = (false, None);
-        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, has_levels, notice }))
+        let (has_levels, joined_levels, notice) = (false, Vec::new(), None);
+        Self(Arc::new(Inner { source, statistics, layout, alpha_min, words, pages, has_levels, joined_levels, notice }))
     }
 
     pub fn pages(&self) -> &[Page] {
@@ -120,8 +199,47 @@ impl Pages {
     pub fn levels(&self) -> Option<&[PageLod]> {
         match &self.0.source {
             Source::File { file, .. } | Source::Repacked(file) if self.0.has_levels => file.levels(),
+            Source::Joined(_) if self.0.has_levels => Some(&self.0.joined_levels),
             _ => None,
         }
+    }
+
+    /// The scenes that the pages are of, one after another: their pages, and their numbers of Gaussians without nodes.
+    pub fn scenes(&self) -> Vec<(Range<usize>, usize)> {
+        let range = |first: usize, pages: &Self| (first..first + pages.pages().len(), pages.statistics().count);
+        match &self.0.source {
+            Source::Joined(joined) => joined.iter().map(|(pages, first, _)| range(*first, pages)).collect(),
+            _ => vec![range(0, self)],
+        }
+    }
+
+    /// The number of Gaussians of each of these scenes, nodes included.
+    pub fn nodes_of_scenes(&self) -> Vec<usize> {
+        match &self.0.source {
+            Source::Joined(joined) => joined.iter().map(|(pages, ..)| pages.nodes()).collect(),
+            _ => vec![self.nodes()],
+        }
+    }
+
+    /// Reads neighbouring pages scene by scene: `read` gets the scene, the index of its first Gaussian, its pages and
+    /// their words, of which each page has `each`.
+    fn by_scene(
+        joined: &[(Self, usize, u32)],
+        pages: &Range<usize>,
+        each: usize,
+        mut words: &mut [u32],
+        read: impl Fn(&Self, u32, Range<usize>, &mut [u32]) -> Result<()>,
+    ) -> Result<()> {
+        for (scene, first, index) in joined {
+            let own = pages.start.max(*first)..pages.end.min(first + scene.pages().len());
+            if own.is_empty() {
+                continue;
+            }
+            let (of_scene, rest) = words.split_at_mut(each * own.len());
+            read(scene, *index, own.start - first..own.end - first, of_scene)?;
+            words = rest;
+        }
+        Ok(())
     }
 
     /// Number of Gaussians in all pages, nodes included.
@@ -144,6 +262,22 @@ impl Pages {
     pub fn read_levels(&self, pages: Range<usize>, words: &mut [u32]) -> Result<()> {
         match &self.0.source {
             Source::File { file, .. } | Source::Repacked(file) if self.0.has_levels => file.read_levels(pages, words),
+            Source::Joined(joined) if self.0.has_levels => {
+                Self::by_scene(joined, &pages, self.level_words(), words, |scene, _, pages, words| {
+                    match scene.levels().is_some() {
+                        true => scene.read_levels(pages, words),
+                        false => {
+                            let all = words.chunks_exact_mut(LEVEL_WORDS * PAGE);
+                            for (page, words) in scene.pages()[pages].iter().zip(all) {
+                                let (nodes, padding) = words.as_chunks_mut().0.split_at_mut(page.count as usize);
+                                nodes.fill(ALWAYS);
+                                padding.fill(NO_NODE);
+                            }
+                            Ok(())
+                        }
+                    }
+                })
+            }
             _ => Ok(()),
         }
     }
@@ -200,6 +334,15 @@ impl Pages {
                 });
                 Ok(())
             }
+            Source::Joined(joined) => {
+                Self::by_scene(joined, &pages, self.geometry_words(), words, |scene, first, pages, words| {
+                    scene.read_geometry(pages, words)?;
+                    let ids = words.par_chunks_exact_mut(inner.words.geometry());
+                    let ids = ids.flat_map(|page| &mut page[inner.words.ids.clone()]);
+                    ids.filter(|id| **id != PADDING).for_each(|id| *id += first);
+                    Ok(())
+                })
+            }
         }
     }
 
@@ -228,14 +371,34 @@ impl Pages {
                 let each = words.par_chunks_exact_mut(self.colour_words());
                 let parts = order[pages.start * PAGE..order.len().min(pages.end * PAGE)].par_chunks(PAGE);
                 each.zip(parts).for_each(|(words, indices)| {
-                    inner
-                        .words
-                        .fill_colours(&inner.layout, indices.len(), words, |k| gaussians.sh(indices[k] as usize));
+                    let sh = |k: usize| gaussians.sh(indices[k] as usize);
+                    let (layout, count) = (&inner.layout, indices.len());
+                    if gaussians.sh_degree() >= layout.sh_degree {
+                        return inner.words.fill_colours(layout, count, words, sh);
+                    }
+                    // Beside a scene of a higher degree, the coefficients of that are 0.
+                    let padded = |k: usize| {
+                        let mut all = [[0.0; 3]; sh_coefficients(MAX_SH_DEGREE)];
+                        all[..sh(k).len()].copy_from_slice(sh(k));
+                        all
+                    };
+                    let all: Vec<_> = (0..count).map(padded).collect();
+                    inner.words.fill_colours(layout, count, words, |k| &all[k]);
                 });
                 Ok(())
             }
+            Source::Joined(joined) => {
+                Self::by_scene(joined, &pages, self.colour_words(), words, |scene, _, pages, words| {
+                    scene.read_colours(pages, words)
+                })
+            }
         }
     }
+}
+
+/// True if words of the layout keep all bits of what they are made of.
+fn is_whole(layout: &Layout) -> bool {
+    [layout.sh, layout.shape].iter().all(|packing| packing.storage == Storage::F32 && packing.is_lossless)
 }
 
 impl Inner {

@@ -25,6 +25,12 @@ impl Bounds {
         // Threads meet zeros of both signs in any order: 0 is +0.
         Self { low: (low + Vec3::ZERO).to_array(), high: (high + Vec3::ZERO).to_array() }
     }
+
+    /// The box around two boxes.
+    pub fn around(self, other: Self) -> Self {
+        let corner = |pick: fn(f32, f32) -> f32, a: [f32; 3], b: [f32; 3]| std::array::from_fn(|i| pick(a[i], b[i]));
+        Self { low: corner(f32::min, self.low, other.low), high: corner(f32::max, self.high, other.high) }
+    }
 }
 
 /// The sphere that contains most of the visible scene, robust against floaters; the unit sphere for an empty scene.

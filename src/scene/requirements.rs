@@ -24,6 +24,23 @@ pub struct Requirements {
     pub scale_grid: Option<Grid>,
 }
 
+impl Requirements {
+    /// The requirements of two scenes together. Grids of 8 bits differ, and are left out.
+    pub fn joined(&self, other: &Self) -> Self {
+        let band = |i: usize| {
+            let (a, b) = (self.bands[i], other.bands[i]);
+            Band { bound: a.bound.max(b.bound), rms: a.rms.max(b.rms) }
+        };
+        Self {
+            sh_degree: self.sh_degree.max(other.sh_degree),
+            bands: std::array::from_fn(band),
+            brightest: self.brightest.max(other.brightest),
+            sh_grids: None,
+            scale_grid: None,
+        }
+    }
+}
+
 /// The effect of one SH degree on colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Band {

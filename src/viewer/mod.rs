@@ -19,7 +19,7 @@ mod window;
 pub use actions::Program;
 pub use frame::{FrameOutput, Session};
 pub use model::{
-    Bindings, Change, CompareMode, CompareTarget, CompareWith, Counts, Digest, Event, Property, RecentState, Request,
-    Selection, Setup, Start, Tab, Tool, Viewer, WindowRequest, view_mode, view_mode_names,
+    Bindings, Change, CompareMode, CompareTarget, CompareWith, Counts, Digest, Event, MeasureKind, Property,
+    RecentState, Request, Selection, Setup, Start, Tab, Tool, Viewer, WindowRequest, view_mode, view_mode_names,
 };
 pub use window::{DEFAULT_SIZE, Fault, Offscreen, PATH_FPS, PageCounts, Summary, WindowSetup, run, run_offscreen};

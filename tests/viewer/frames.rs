@@ -22,6 +22,7 @@ pub(super) fn setup(scenes: &[&str]) -> Setup {
         scenes: scenes.iter().map(PathBuf::from).collect(),
         reading_options: Vec::new(),
         cameras: None,
+        places: None,
         start: None,
         background: smalto::rules::Background::BLACK,
         lenses: LensChoice::Own,
@@ -252,7 +253,7 @@ fn a_scene_with_levels_is_read_page_by_page() {
     // What needs all Gaussians says so, and the window goes on.
     offscreen.viewer().requests.push(Request::Pick([80, 48]));
     let refusal = offscreen.settle().unwrap_err().to_string();
-    assert!(refusal.contains("needs the whole scene in memory"), "{refusal}");
+    assert!(refusal.contains("needs a scene that is in memory as a whole"), "{refusal}");
     offscreen.viewer().messages = Default::default();
     offscreen.viewer().inspector.settings.mode = smalto::viewer::view_mode("evaluations").unwrap();
     let refusal = offscreen.settle().unwrap_err().to_string();

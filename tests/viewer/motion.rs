@@ -40,7 +40,7 @@ fn slow_pictures_in_motion_have_a_lower_scale() {
     frame(&mut offscreen, Vec::new());
     let said: Vec<_> = offscreen.viewer().messages.shown().iter().map(|message| message.text.clone()).collect();
     assert!(said.iter().any(|text| text.contains("ask again when it rests")), "{said:?}");
-    assert!(offscreen.viewer().inspector.marks.is_empty());
+    assert!(offscreen.viewer().measures.all.is_empty());
     offscreen.viewer().messages.close_errors();
     offscreen.viewer().inspector.settings.mode = 0;
     frame(&mut offscreen, press(at, false));

@@ -1,7 +1,7 @@
 //! The cells of directions of a lens: where directions are on the picture, and how far from there.
 
 use std::f64::consts::TAU;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Result;
 use glam::{DVec2, DVec3};
@@ -20,7 +20,7 @@ pub struct LensCells {
 }
 
 impl LensCells {
-    /// Makes the cells of a lens, which takes seconds of processor time, unless `kept` has them.
+    /// Uploads the cells of a lens, unless `kept` has them.
     ///
     /// # Errors
     /// If memory runs out.
@@ -28,8 +28,25 @@ impl LensCells {
         if let Some(kept) = kept.filter(|kept| kept.lens == *lens) {
             return Ok(kept);
         }
-        Ok(Self { lens: lens.clone(), cells: uploaded(device, "cells of directions", cells(lens).as_flattened())? })
+        Ok(Self { lens: lens.clone(), cells: uploaded(device, "cells of directions", known(lens).as_flattened())? })
     }
+}
+
+/// The lenses whose cells the host keeps, of 12 MB each: all renderers of a process share them.
+const KEPT: usize = 6;
+
+/// The cells of a lens: those of the lenses used last are kept, since making them takes seconds of processor time.
+fn known(lens: &Arc<Lens>) -> Arc<[Cell]> {
+    static LAST: Mutex<Vec<(Arc<Lens>, Arc<[Cell]>)>> = Mutex::new(Vec::new());
+    let last = || LAST.lock().unwrap_or_else(PoisonError::into_inner);
+    let found = last().iter().find(|(of, _)| of == lens).map(|(_, cells)| cells.clone());
+    // The lock is not held meanwhile: the threads that make the cells may take up other work, which needs it.
+    let cells = found.unwrap_or_else(|| cells(lens).into());
+    let mut last = last();
+    last.retain(|(of, _)| of != lens);
+    last.truncate(KEPT - 1);
+    last.insert(0, (lens.clone(), cells.clone()));
+    cells
 }
 
 /// Room for directions between those at which a lens is measured.

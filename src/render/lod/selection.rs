@@ -5,6 +5,7 @@
 //! candidate limits. The sums are of whole numbers, so every run finds the same limit under every memory limit.
 
 use std::mem::offset_of;
+use std::ops::Range;
 
 use anyhow::Result;
 
@@ -109,7 +110,10 @@ impl LodSelector {
         };
         let mut cmd = Commands::new(device)?;
         cmd.upload(&selector.boxes, 0, count, |memory| {
-            let boxes = (0..count).map(|number| page_box(pages, number));
+            let of_scene = |((scene, _), views): ((Range<usize>, usize), Range<u32>)| {
+                scene.map(move |number| page_box(pages, number, &views))
+            };
+            let boxes = pages.scenes().into_iter().zip(scene.views_of_scenes()).flat_map(of_scene);
             memory.iter_mut().zip(boxes).for_each(|(to, from)| *to = from);
         })?;
         cmd.upload(&selector.errors, 0, count, |memory| {
@@ -250,16 +254,17 @@ impl LodSelector {
             state: &self.state,
         };
         let focal = camera.focal_px.max_element();
+        let most_views = scene.views_of_scenes().iter().map(ExactSizeIterator::len).max().unwrap_or(0);
         let push = CullPagesPush {
             focal_px: camera.focal_px.as_vec2().to_array(),
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
             per_focal_squared: (1.0 / (focal * focal)) as f32,
             pages: self.boxes.len() as u32,
-            views: scene.transforms().len() as u32,
+            views: most_views as u32,
             capacity: self.in_view.len() as u32,
         };
-        let pairs = self.boxes.len() as u64 * scene.transforms().len() as u64;
+        let pairs = self.boxes.len() as u64 * most_views as u64;
         cmd.dispatch(&self.cull_pages, bindings, push, DispatchSize::Invocations(pairs));
     }
 

@@ -46,7 +46,7 @@ impl Twin {
         let focal = camera.focal_px.max_element();
         let words: Vec<f32> = view.as_flattened().iter().map(|word| f32::from_bits(*word)).collect();
         Self {
-            boxes: (0..pages.pages().len()).map(|number| page_box(pages, number)).collect(),
+            boxes: (0..pages.pages().len()).map(|number| page_box(pages, number, &(0..1))).collect(),
             errors: errors_of_pages(pages),
             steps: steps(),
             view: words.try_into().unwrap(),
@@ -339,7 +339,7 @@ fn every_cut_stands_for_every_gaussian_once() {
     let scene = opened_scene(&device, &file, &[], &options);
     let all = scene.paged().unwrap().cache().pages().clone();
     let levels = file.levels().unwrap();
-    let (hierarchy, mut state) = (PageHierarchy::new(levels), 7_u64);
+    let (hierarchy, mut state) = (PageHierarchy::new(levels, |_| 0), 7_u64);
     let mut below = |count: u64| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % count

@@ -1,5 +1,7 @@
 //! The page table of a scene, as the stages of the selection read it.
 
+use std::ops::Range;
+
 use crate::lod::{CODES_PER_OCTAVE, NEVER};
 use crate::pagefile::write::levels_of_pages;
 use crate::pagefile::{PARTS, Page, PageLod, Pages, SAMPLES};
@@ -15,8 +17,8 @@ pub fn steps() -> [u32; STEPS] {
     std::array::from_fn(|step| (((step as f64 / STEPS as f64).exp2() - 1.0) * 23f64.exp2()).ceil() as u32)
 }
 
-/// The bounds of a page.
-pub fn page_box(pages: &Pages, number: usize) -> PageBox {
+/// The bounds of a page of a scene that has these views.
+pub fn page_box(pages: &Pages, number: usize, views: &Range<u32>) -> PageBox {
     let Page { low, high, reach, highest_opacity, .. } = pages.pages()[number];
     let level = pages.levels().map(|levels| levels[number]);
     // The reach of a splat in standard deviations, with a margin for rounding.
@@ -30,6 +32,8 @@ pub fn page_box(pages: &Pages, number: usize) -> PageBox {
         lod_high: level.map_or(high, |level| level.high),
         // Limited, so that the product with a squared pixel width is finite.
         per_width_squared: level.map_or(0.0, |level| (f64::from(level.reference_width).powi(-2) as f32).min(1e15)),
+        first_view: f32::from_bits(views.start),
+        views: f32::from_bits(views.end - views.start),
     }
 }
 
@@ -38,7 +42,13 @@ pub fn errors_of_pages(pages: &Pages) -> Vec<PageErrors> {
     let Some(levels) = pages.levels() else {
         return pages.pages().iter().map(|page| page_errors(page, None)).collect();
     };
-    let numbers = levels_of_pages(pages.statistics().count);
+    // A scene without levels has its own pages only.
+    let numbers = |(pages, count): (Range<usize>, usize)| {
+        let mut numbers = levels_of_pages(count);
+        numbers.truncate(pages.len());
+        numbers
+    };
+    let numbers = pages.scenes().into_iter().flat_map(numbers);
     let of_levels = levels.iter().zip(numbers).map(Some);
     pages.pages().iter().zip(of_levels).map(|(page, level)| page_errors(page, level)).collect()
 }

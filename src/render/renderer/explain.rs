@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, bail, ensure};
 
 use super::{Last, Renderer};
+use crate::pixels::Pixels;
 use crate::render::frame::Shot;
 use crate::render::inspect::{Attribute, Explanation, Inspection, Picker};
 
@@ -70,16 +71,31 @@ impl Renderer {
         if self.shown_in_pages(&inspection).is_none() {
             return Ok(self.explain(pixel)?.depth());
         }
-        let Last { camera, background, .. } = self.last_with(pixel)?;
-        let depths = self.inspector(inspection)?;
+        let Last { camera, .. } = self.last_with(pixel)?;
+        let [depth, _, _, alpha] = self.shaded_depths()?.rgba[(pixel[1] * camera.size_px[0] + pixel[0]) as usize];
+        Ok((alpha > 0.0).then(|| depth / alpha))
+    }
+
+    /// The mean depths of the frame recorded last, row by row, weighted by the shares of a pixel's splats; infinite
+    /// where splats have less than half of the light. Waits for the device.
+    ///
+    /// # Errors
+    /// If no frame was recorded, or the path cannot show depths.
+    pub fn depths(&mut self) -> Result<Vec<f32>> {
+        let depth = |[depth, _, _, alpha]: &[f32; 4]| if *alpha >= 0.5 { depth / alpha } else { f32::INFINITY };
+        Ok(self.shaded_depths()?.rgba.iter().map(depth).collect())
+    }
+
+    /// The picture of the attribute depth in the frame recorded last.
+    fn shaded_depths(&mut self) -> Result<Pixels> {
+        let Last { camera, background, .. } = self.last.clone().context("nothing is rendered yet")?;
+        let depths = self.inspector(Inspection::of_attribute(Attribute::Depth))?;
         let before = self.inspector.replace(depths);
         let rendered = self.render(&camera, background).and_then(|_| self.pixels());
         self.inspector = before;
-        let depths = rendered?;
         // Restores the picture.
         self.render(&camera, background)?;
-        let [depth, _, _, alpha] = depths.rgba[(pixel[1] * depths.size[0] + pixel[0]) as usize];
-        Ok((alpha > 0.0).then(|| depth / alpha))
+        rendered
     }
 
     /// The frame recorded last, if it has this pixel.

@@ -71,6 +71,10 @@ pub(crate) struct Paged {
     pub lod: Option<Buffer<u32>>,
     /// The scene instances; without any, the scene is drawn once, as its file holds it.
     instances: Option<SceneInstances>,
+    /// The instances of each joined scene; empty if there is one scene, which has all of them.
+    instances_of_scenes: Vec<Range<u32>>,
+    /// The number of Gaussians at all scene instances, LOD nodes included.
+    placed_nodes: usize,
     /// The reason why the pages are stored in another form than the options request.
     notice: Option<Arc<str>>,
 }
@@ -261,7 +265,8 @@ impl GpuScene {
         pages.read_geometry(0..first.len(), &mut geometry)?;
         let elements = geometry.chunks(pages.geometry_words()).flat_map(|page| page.as_chunks::<4>().0[..PAGE].iter());
         let count = pages.statistics().count;
-        let means: Vec<_> = elements.take(count).map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect();
+        let means: Vec<_> =
+            elements.take(pages.scenes()[0].1).map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect();
         let hash = blake3::hash(bytemuck::cast_slice(&geometry));
         let tested = SelfTestInput { camera: self_test_camera(&means, options.rules.near), hash };
         let scene = Self {
@@ -282,6 +287,8 @@ impl GpuScene {
                 indices,
                 lod,
                 instances: None,
+                instances_of_scenes: Vec::new(),
+                placed_nodes: pages.nodes(),
                 notice: pages.notice().map(Arc::from),
             })),
         };
@@ -310,8 +317,42 @@ impl GpuScene {
             places <= MAX_INSTANCES,
             "{places} places are more than {MAX_INSTANCES}, which is the most that are drawn"
         );
-        let memory = SceneMemory::Paged(Box::new(Paged { instances: Some(instances.clone()), ..*paged }));
+        let (instances_of, placed_nodes) = (Some(instances.clone()), places * count);
+        let memory = SceneMemory::Paged(Box::new(Paged { instances: instances_of, placed_nodes, ..*paged }));
         Ok(Self { extent: instances.extent(&self.extent), memory, ..self })
+    }
+
+    /// Joined scenes, each at its own scene instances.
+    ///
+    /// # Errors
+    /// As [`GpuScene::placed`].
+    ///
+    /// # Panics
+    /// If the pages are not those of as many scenes.
+    pub(crate) fn with_placed_scenes(self, scenes: &[(SceneInstances, Bounds)]) -> Result<Self> {
+        let mut ranges: Vec<Range<u32>> = Vec::new();
+        for (instances, _) in scenes {
+            let first = ranges.last().map_or(0, |range| range.end);
+            ranges.push(first..first + instances.all().len() as u32);
+        }
+        let all = scenes.iter().flat_map(|(instances, _)| instances.all().iter().copied()).collect();
+        let extents = scenes.iter().map(|(instances, extent)| instances.extent(extent));
+        let extent = extents.reduce(Bounds::around).expect("there is a scene");
+        let mut scene = self.placed(&SceneInstances::new(all)?)?;
+        let SceneMemory::Paged(paged) = &mut scene.memory else { panic!("joined scenes are paged") };
+        let nodes = paged.cache().pages().nodes_of_scenes();
+        assert_eq!(nodes.len(), ranges.len(), "each scene has its instances");
+        paged.placed_nodes = nodes.into_iter().zip(&ranges).map(|(nodes, views)| nodes * views.len()).sum();
+        paged.instances_of_scenes = ranges;
+        Ok(Self { extent, ..scene })
+    }
+
+    /// The numbers of the views of each joined scene, or of the only one.
+    pub(crate) fn views_of_scenes(&self) -> Vec<Range<u32>> {
+        match self.paged() {
+            Some(paged) if !paged.instances_of_scenes.is_empty() => paged.instances_of_scenes.clone(),
+            _ => vec![0..self.transforms().len() as u32],
+        }
     }
 
     /// True if the scene has scene instances.
@@ -326,7 +367,7 @@ impl GpuScene {
 
     /// The number of Gaussians at all scene instances, LOD nodes included.
     pub(crate) fn placed_len(&self) -> usize {
-        self.nodes * self.transforms().len()
+        self.paged().map_or(self.nodes, |paged| paged.placed_nodes)
     }
 
     /// The approximate number of Gaussians that a picture draws at most.

@@ -2,6 +2,7 @@
 //! of pages.
 //!
 //! - `scene_source` - a scene before it is on a device: Gaussians in memory or a page file, with scene instances
+//! - `joined_scenes` - several scenes that are drawn together from one page cache
 //! - `gpu_scene` - the planes of Gaussians in device memory, with all of them or with the resident pages
 //! - `features` - numbers that are drawn in the place of colours
 //! - `page_cache` - the pages in device memory: it evicts the least recently used page, or in streamed frames the pages
@@ -10,6 +11,7 @@
 
 mod features;
 pub(crate) mod gpu_scene;
+mod joined_scenes;
 mod page_cache;
 mod scene_source;
 mod self_test_input;
@@ -17,6 +19,7 @@ mod self_test_input;
 pub use features::Features;
 pub use gpu_scene::GpuScene;
 pub(crate) use gpu_scene::{Paged, SceneInput};
+pub use joined_scenes::JoinedScenes;
 pub use page_cache::PagesRead;
 pub(crate) use page_cache::{LoadedPage, PageCache};
 pub use scene_source::{Content, NoLevels, SceneSource, Upload};

@@ -49,12 +49,14 @@ const MIN_PER_THREAD: usize = 1 << 14;
 const NONE: u32 = u32::MAX;
 
 impl PageHierarchy {
-    pub fn new(levels: &[PageLod]) -> Self {
+    /// The hierarchy of a table of levels. `scene_of` is the scene of a page: pages of different scenes have no common
+    /// group.
+    pub fn new(levels: &[PageLod], scene_of: impl Fn(usize) -> usize) -> Self {
         let mut group_of_box = HashMap::new();
         let mut groups = vec![NONE; levels.len()];
         // From the root, so that a group has a higher number than the group of its parents.
         for (page, PageLod { low, high, reference_width, .. }) in levels.iter().enumerate().rev() {
-            let key = (low.map(f32::to_bits), high.map(f32::to_bits), reference_width.to_bits());
+            let key = (low.map(f32::to_bits), high.map(f32::to_bits), reference_width.to_bits(), scene_of(page));
             let next = group_of_box.len() as u32;
             groups[page] = *group_of_box.entry(key).or_insert(next);
         }

@@ -126,7 +126,7 @@ mod tests {
     /// Four pages with parents in a fifth.
     fn hierarchy() -> PageHierarchy {
         let levels = [100, 300, 900, 1600].map(|parent_error| level(1.0, 4, parent_error));
-        PageHierarchy::new(&[&levels[..], &[level(0.0, NO_PAGE, 0)]].concat())
+        PageHierarchy::new(&[&levels[..], &[level(0.0, NO_PAGE, 0)]].concat(), |_| 0)
     }
 
     fn snapshot(is_resident: [bool; 5]) -> ResidencySnapshot {

@@ -3,6 +3,7 @@
 
 use std::cmp::Reverse;
 use std::collections::HashSet;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -142,7 +143,7 @@ impl PageStreamer {
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS);
         Ok(Self {
             paged: paged.clone(),
-            hierarchy: Arc::new(PageHierarchy::new(levels(&pages))),
+            hierarchy: Arc::new(hierarchy(&pages)),
             pages,
             uploaded_generation: None,
             upload: None,
@@ -384,10 +385,17 @@ impl PageStreamer {
     }
 }
 
-/// The pages that are always resident.
+/// The pages that are always resident: the last ones of each scene.
 fn pinned_pages(cache: &PageCache) -> impl Iterator<Item = u32> + use<> {
-    let (pages, most) = (cache.pages().pages().len(), PINNED_PAGES.min(cache.capacity().div_ceil(4)));
-    (pages.saturating_sub(most)..pages).map(|page| page as u32)
+    let scenes = cache.pages().scenes();
+    let most = (PINNED_PAGES / scenes.len()).min(cache.capacity().div_ceil(4 * scenes.len())).max(1);
+    let last = move |(pages, _): (Range<usize>, usize)| pages.end - most.min(pages.len())..pages.end;
+    scenes.into_iter().flat_map(last).map(|page| page as u32)
+}
+
+fn hierarchy(pages: &Pages) -> PageHierarchy {
+    let scenes = pages.scenes();
+    PageHierarchy::new(levels(pages), |page| scenes.partition_point(|(of_scene, _)| of_scene.end <= page))
 }
 
 fn levels(pages: &Pages) -> &[PageLod] {

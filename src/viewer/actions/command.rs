@@ -41,6 +41,11 @@ impl Viewer {
         } else if readings.iter().any(|reading| *reading != Reading::default()) {
             left_out.push("the axes of scenes".to_owned());
         }
+        match shown.first().and_then(|layer| layer.places.as_ref()) {
+            Some((file, _)) => words.extend(["--place".to_owned(), file.display().to_string()]),
+            None if shown.iter().any(|layer| layer.places.is_some()) => left_out.push("lists of places".to_owned()),
+            None => {}
+        }
         if shown.iter().any(|layer| layer.placement != Placement::default()) {
             left_out.push("the placement of scenes".to_owned());
         }
@@ -76,7 +81,7 @@ impl Viewer {
     fn option_words(&self) -> Vec<String> {
         // Antialiasing and the near plane depend on the scene unless they are given, so they are always given.
         let is_explicit = |name: &str| ["near", "antialiased"].contains(&name);
-        let has_levels = self.scenes.are_paged();
+        let has_levels = self.scenes.have_levels();
         let is_optional =
             |knob: &&Knob| knob.group != Group::Path && !is_explicit(knob.name) && (has_levels || !knob.is_of_levels());
         let differing = |preset: &Options| {

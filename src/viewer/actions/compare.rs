@@ -1,14 +1,12 @@
-//! Actions of comparisons: the second picture, its numbers, photographs, and marks.
+//! Actions of comparisons: the second picture, its numbers, and photographs.
 
 use std::path::{Path, PathBuf};
-
-use glam::DVec2;
 
 use crate::pixels::Pixels;
 use crate::rules::Background;
 use crate::viewer::model::{
-    CompareTarget, Comparison, JobEvent, PictureContent, PictureOf, Reporter, Request, SecondPicture, Side, Viewer,
-    WindowRequest, camera_of, cropped, fitted, needs_whole,
+    CompareTarget, Comparison, JobEvent, PictureContent, PictureOf, Reporter, SecondPicture, Side, Viewer, camera_of,
+    cropped, fitted, needs_whole,
 };
 
 /// Longest side of a thumbnail, in pixels.
@@ -38,19 +36,6 @@ impl Viewer {
         if !self.inspector.fit_range() {
             self.messages.note("there are no values to fit the scale to yet");
         }
-    }
-
-    /// Marks the point at a pixel, copies its position, and reports the distance from the mark before; `depth` is its
-    /// view z in world units.
-    pub fn mark(&mut self, pixel: [u32; 2], depth: Option<f32>) {
-        let Some(depth) = depth else { return self.messages.note("there is nothing at this pixel") };
-        let point = self.view.camera().unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, f64::from(depth));
-        let position = format!("{:.6}, {:.6}, {:.6}", point.x, point.y, point.z);
-        let distance = self.inspector.mark(point);
-        let distance =
-            distance.map_or_else(String::new, |distance| format!("; {distance:.6} world units from the mark before"));
-        self.messages.note(format!("marked and copied: {position}{distance}"));
-        self.requests.push(Request::Window(WindowRequest::Copy(position)));
     }
 
     /// Starts to read a picture to compare with. If its name is that of a camera, goes to that camera.

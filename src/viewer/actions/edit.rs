@@ -12,7 +12,7 @@ use crate::pagefile::write::Job;
 use crate::render::{Outline, SelectionMode};
 use crate::scene::{Gaussians, Scene};
 use crate::viewer::model::{
-    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, Edits, JobEvent, Layer, LoadedScene, Property,
+    BoxHandles, Change, Contributions, Counts, DragMotion, Edit, JobEvent, Layer, LoadedScene, Property,
     PropertyValues, Reporter, Request, Selecting, Selection, Tool, ToolStroke, Viewer, needs_whole,
 };
 
@@ -27,18 +27,26 @@ impl Viewer {
 
     /// Selects Gaussians of the shown scenes.
     pub fn select(&mut self, selection: &Selection, mode: SelectionMode) {
-        self.request_selection(selection.clone(), mode, (Vec::new(), false));
+        self.request_selection(selection.clone(), mode, (false, false));
     }
 
     /// Selects during a drag of a range, or at its end.
     pub fn select_while_dragging(&mut self, selection: &Selection, goes_on: bool) {
-        self.request_selection(selection.clone(), SelectionMode::Replace, (Vec::new(), goes_on));
+        self.request_selection(selection.clone(), SelectionMode::Replace, (false, goes_on));
     }
 
-    /// Requests a selection that starts from these edits of layers; true if its stroke goes on.
-    fn request_selection(&mut self, selection: Selection, mode: SelectionMode, (before, goes_on): (Edits, bool)) {
+    /// Requests a selection: true if it starts from the edits at the beginning of the stroke, and if its stroke goes
+    /// on.
+    fn request_selection(&mut self, selection: Selection, mode: SelectionMode, (restarts, goes_on): (bool, bool)) {
         let view = self.view.camera();
-        self.requests.push(Request::Select(Selecting { selection, mode, view, before, contributions: None, goes_on }));
+        self.requests.push(Request::Select(Selecting {
+            selection,
+            mode,
+            view,
+            restarts,
+            contributions: None,
+            goes_on,
+        }));
     }
 
     /// Stores contributions, and goes on with the selection that waits for them.
@@ -164,8 +172,8 @@ impl Viewer {
         if self.editing.tool == Tool::Polygon {
             return self.add_corner(place, mode);
         }
-        let before = self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect();
-        self.pointer.stroke = Some(ToolStroke { points: vec![place], mode, before, painted: 0 });
+        self.requests.push(Request::BeginStroke);
+        self.pointer.stroke = Some(ToolStroke { points: vec![place], mode, painted: 0 });
     }
 
     /// Adds a corner to the polygon, or closes it and selects what it holds.
@@ -176,7 +184,7 @@ impl Viewer {
             return corners.push(place);
         }
         let corners = std::mem::take(corners);
-        self.request_selection(Selection::Outline(Outline::Lasso(corners)), mode, (Vec::new(), false));
+        self.request_selection(Selection::Outline(Outline::Lasso(corners)), mode, (false, false));
     }
 
     /// Selects what the stroke under way holds so far. `goes_on` is false at its end.
@@ -202,13 +210,13 @@ impl Viewer {
                     stroke.painted = points.len();
                 }
                 let brush = Selection::Outline(Outline::Brush(way, radius));
-                return self.request_selection(brush, mode, (Vec::new(), goes_on));
+                return self.request_selection(brush, mode, (false, goes_on));
             }
             Tool::Ball => {
                 let pixel = first.to_array().map(|side| side.max(0.0) as u32);
-                let (radius_px, before) = (first.distance(last), stroke.before.clone());
+                let radius_px = first.distance(last);
                 self.drop_strokes();
-                return self.requests.push(Request::SelectBall { pixel, radius_px, mode, before, goes_on });
+                return self.requests.push(Request::SelectBall { pixel, radius_px, mode, goes_on });
             }
             Tool::Colour if goes_on => return,
             Tool::Colour => {
@@ -217,9 +225,8 @@ impl Viewer {
             }
             Tool::Look | Tool::Place | Tool::Polygon | Tool::Box => return,
         };
-        let before = stroke.before.clone();
         self.drop_strokes();
-        self.request_selection(Selection::Outline(outline), mode, (before, goes_on));
+        self.request_selection(Selection::Outline(outline), mode, (true, goes_on));
     }
 
     /// Drops requests of the stroke under way that a longer part of it replaces.
@@ -231,9 +238,17 @@ impl Viewer {
         });
     }
 
-    /// Goes back to these edits of layers, by their numbers.
-    pub fn restore_edits(&mut self, before: Edits) {
-        for (number, edit) in before {
+    /// Notes the edits from which a stroke starts, after an undo step.
+    pub fn note_edits(&mut self) {
+        if !self.is_moving() {
+            self.record_undo_step();
+        }
+        self.editing.before = self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect();
+    }
+
+    /// Goes back to the edits at the beginning of the stroke.
+    pub fn restore_edits(&mut self) {
+        for (number, edit) in self.editing.before.clone() {
             let Some(index) = self.scenes.index_of(number) else { continue };
             // The scene may have been read again.
             let count = self.scenes.layers[index].scene.as_ref().map_or(0, LoadedScene::count);
@@ -251,9 +266,13 @@ impl Viewer {
 
     /// Ends a drag, a stroke or a polygon without an effect.
     pub fn cancel_stroke(&mut self) {
-        if let Some(stroke) = self.pointer.stroke.take() {
+        if self.pointer.stroke.take().is_some() {
             self.drop_strokes();
-            self.restore_edits(stroke.before);
+            // In the frame in which it began nothing has been selected yet.
+            match self.requests.iter().rposition(|request| matches!(request, Request::BeginStroke)) {
+                Some(place) => drop(self.requests.remove(place)),
+                None => self.restore_edits(),
+            }
         }
         self.editing.polygon.clear();
         self.pointer.cancel();
@@ -266,7 +285,7 @@ impl Viewer {
         (pixel, depth): ([u32; 2], Option<f32>),
         radius_px: f64,
         mode: SelectionMode,
-        (before, goes_on): (Edits, bool),
+        goes_on: bool,
     ) {
         let Some(depth) = depth.map(f64::from) else {
             if !goes_on {
@@ -274,9 +293,9 @@ impl Viewer {
             }
             return;
         };
-        let view = self.view.camera();
+        let view = self.drawn_view();
         let centre = view.unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth);
-        self.request_selection(Selection::Ball(centre, radius_px * view.pixel_world(depth)), mode, (before, goes_on));
+        self.request_selection(Selection::Ball(centre, radius_px * view.pixel_world(depth)), mode, (true, goes_on));
     }
 
     /// The box that selects: around the pivot, before it is moved.
@@ -298,7 +317,7 @@ impl Viewer {
         let corners = BoxHandles::new(&self.view.camera(), self.bounds()).dragged(face, from, to);
         self.editing.bounds = Some(corners);
         let selection = Selection::Box(corners[0], corners[1]);
-        self.request_selection(selection, SelectionMode::Replace, (Vec::new(), true));
+        self.request_selection(selection, SelectionMode::Replace, (false, true));
     }
 
     /// Starts to write the shown scenes into one file: placed, without deleted Gaussians.

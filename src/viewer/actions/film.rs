@@ -6,7 +6,7 @@ use anyhow::Result;
 use glam::DQuat;
 
 use crate::camera::{Camera, Timeline};
-use crate::viewer::model::Viewer;
+use crate::viewer::model::{KeyChange, Viewer};
 
 /// Keys of a turn around the pivot. The path between them differs from a circle by less than 5e-4 of its radius.
 const TURN_KEYS: u32 = 16;
@@ -63,6 +63,16 @@ impl Viewer {
             true => "a turn around the pivot in place of the path: undo brings that back",
             false => "a turn around the pivot",
         });
+    }
+
+    /// Changes a key, or goes to its view.
+    pub fn change_key(&mut self, change: KeyChange) {
+        match change {
+            KeyChange::Show(seconds) => self.show_time(seconds),
+            KeyChange::Replace(seconds) => self.insert_key(seconds),
+            KeyChange::Rest(index, rests) => self.film.timeline.set_rest(index, rests),
+            KeyChange::Remove(index) => drop(self.film.timeline.remove(index)),
+        }
     }
 
     fn report(&mut self, done: Result<String>) {

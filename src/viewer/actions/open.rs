@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use crate::camera::CameraFile;
 use crate::formats::{LOD_META, Reading, in_folder};
-use crate::scene::{Cancelled, Unreadable};
+use crate::scene::{Cancelled, SceneInstances, Unreadable};
 use crate::viewer::model::{
     CAMERAS, CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Origin, PICTURES,
     Photographs, PictureOf, Reporter, SecondPicture, Start, Viewer, holds_photographs, is_project,
@@ -37,6 +37,9 @@ impl Viewer {
                 true => self.open_project(&scene),
                 false => self.open(&scene, self.setup.reading),
             }
+        }
+        if let Some(layer) = self.scenes.layers.first_mut() {
+            layer.places = self.setup.places.take();
         }
         if !self.cameras.are_loading
             && let Some(folder) = self.setup.photographs.take()
@@ -150,10 +153,26 @@ impl Viewer {
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         let is_one_of = |all: &[&str]| all.iter().any(|one| *one == extension);
         match () {
+            () if extension == "json" && self.open_places(path) => {}
             () if is_one_of(&CAMERAS) => self.open_cameras(path),
             () if is_one_of(&PICTURES) => self.compare_with_picture(path),
             () => self.open(path, Reading::default()),
         }
+    }
+
+    /// Draws the placed scene at every place of a list. Returns false if the file is no list of places.
+    fn open_places(&mut self, file: &Path) -> bool {
+        let Ok(places) = SceneInstances::read(file) else { return false };
+        let number = self.placed_layer();
+        let Some(layer) = number.and_then(|number| self.scenes.layer_mut(number)) else {
+            self.messages.error("a list of places needs a scene: open one first");
+            return true;
+        };
+        let text = format!("{} at {} places", layer.name, places.all().len());
+        layer.places = Some((file.to_owned(), places));
+        self.pictures.are_stale = true;
+        self.messages.note(text);
+        true
     }
 
     /// Writes the state that the next window starts with.

@@ -1,8 +1,8 @@
-//! Actions that place a scene: by dragging handles, and level by three marks.
+//! Actions that place a scene: by dragging handles.
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 
-use crate::viewer::model::{DragMotion, Gizmo, Handle, Tab, Tool, Viewer, turned};
+use crate::viewer::model::{DragMotion, Gizmo, Handle, Tab, Tool, Viewer};
 
 impl Viewer {
     /// True if the left button has a tool other than turning the view.
@@ -51,26 +51,5 @@ impl Viewer {
             layer.placement = place;
             self.pictures.are_stale = true;
         }
-    }
-
-    /// Rotates the placed layer until the three marks are level.
-    pub fn level_by_marks(&mut self) {
-        let [a, b, c] = self.inspector.marks[..] else {
-            return self.messages.note("mark three points of the ground first");
-        };
-        let Some(normal) = (b - a).cross(c - a).try_normalize() else {
-            return self.messages.note("the three marks lie on a line: they say nothing of the ground");
-        };
-        let up = self.view.navigator.up().vector();
-        // The ground is seen from above.
-        let normal = if normal.dot(self.view.camera().position - a) < 0.0 { -normal } else { normal };
-        let turn = DQuat::from_rotation_arc(normal, up);
-        let Some(number) = self.placed_layer() else { return };
-        let Some(layer) = self.scenes.layer_mut(number) else { return };
-        layer.placement = turned(layer.placement, a, turn);
-        self.inspector.marks = vec![a, a + turn * (b - a), a + turn * (c - a)];
-        self.pictures.are_stale = true;
-        let degrees = normal.angle_between(up).to_degrees();
-        self.messages.note(format!("{} is turned by {degrees:.2} degrees", layer.name));
     }
 }

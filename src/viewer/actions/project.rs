@@ -9,7 +9,7 @@ use glam::DVec3;
 use crate::formats::Reading;
 use crate::procedural::Procedural;
 use crate::rules::Background;
-use crate::scene::Unreadable;
+use crate::scene::{SceneInstances, Unreadable};
 use crate::viewer::model::{
     Edit, Layer, LayerSource, LoadedScene, PROJECT_ENDING, PlacedScene, Project, ProjectView, Undo, VIEW_MODES, Viewer,
     is_project, relative_to, view_mode,
@@ -43,6 +43,7 @@ impl Viewer {
             rotation: layer.placement.rotation,
             scale: layer.placement.scale,
             shown: layer.is_shown,
+            places: layer.places.as_ref().map(|(file, _)| named(file)),
             edit: layer.edit.as_deref().map(Edit::to_runs).unwrap_or_default(),
             part: layer.part.as_deref().map(Edit::to_runs).unwrap_or_default(),
             name: layer.part.is_some().then(|| layer.name.clone()),
@@ -56,6 +57,7 @@ impl Viewer {
         project.pivot = self.view.navigator.pivot().to_array();
         project.background = self.view.background.colour();
         project.repeats = self.film.repeats;
+        project.measures.clone_from(&self.measures);
         project.look = VIEW_MODES[self.inspector.settings.mode].name.to_owned();
         project
     }
@@ -78,6 +80,13 @@ impl Viewer {
             None => Ok(LayerSource::File(folder.join(&scene.scene))),
         });
         let sources: Vec<LayerSource> = sources.collect::<Result<_>>()?;
+        let read = |list: &PathBuf| {
+            let file = folder.join(list);
+            let places = SceneInstances::read(&file).with_context(|| list.display().to_string())?;
+            anyhow::Ok((file, places))
+        };
+        let places = project.scenes.iter().map(|scene| scene.places.as_ref().map(read).transpose());
+        let places: Vec<_> = places.collect::<Result<_>>()?;
         // Nothing fails from here on.
         self.editing.undo = Undo::default();
         while let Some(number) = self.scenes.layers.first().map(|layer| layer.number) {
@@ -86,6 +95,8 @@ impl Viewer {
         self.options = options;
         (self.film.timeline, self.film.repeats, self.film.now) = (path, project.repeats, 0.0);
         self.view.background = Background::Colour(project.background);
+        self.measures.clone_from(&project.measures);
+        self.ruler.open = None;
         if let Some(mode) = view_mode(&project.look) {
             self.inspector.settings.mode = mode;
         }
@@ -93,12 +104,12 @@ impl Viewer {
             self.setup.photographs = project.photographs.as_ref().map(|folder_of| folder.join(folder_of));
             self.open_cameras(&folder.join(cameras));
         }
-        for (scene, source) in project.scenes.iter().zip(sources) {
+        for ((scene, source), places) in project.scenes.iter().zip(sources).zip(places) {
             let number = self.scenes.next_number();
             let mut layer = Layer::open(number, source, Reading::default(), &self.jobs);
             (layer.placement, layer.is_shown, layer.project_edit) =
                 (scene.placement(), scene.shown, scene.edit.clone());
-            layer.appearance = scene.appearance;
+            (layer.appearance, layer.places) = (scene.appearance, places);
             if let Some(name) = &scene.name {
                 layer.name.clone_from(name);
             }

@@ -19,6 +19,7 @@ impl Viewer {
             layers: self.scenes.layers.iter().map(layer).collect(),
             parts: self.scenes.layers.iter().filter(|layer| layer.part.is_some()).map(|layer| layer.number).collect(),
             edits: self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect(),
+            measures: self.measures.clone(),
         }
     }
 
@@ -64,12 +65,13 @@ impl Viewer {
     }
 
     fn restore(&mut self, wanted: &UndoState) {
-        let UndoState { view, options, background, timeline, layers, parts: _, edits } = wanted;
+        let UndoState { view, options, background, timeline, layers, parts: _, edits, measures } = wanted;
         if self.view.navigator.own_camera() != view {
             self.view.snap(view);
         }
         (self.options, self.view.background, self.film.timeline) = (*options, *background, timeline.clone());
         self.film.is_playing = false;
+        self.measures.clone_from(measures);
         for layer in &mut self.scenes.layers {
             match layers.iter().find(|state| state.number == layer.number) {
                 Some(state) => {

@@ -11,7 +11,7 @@ use crate::gpu::DeviceLost;
 use crate::host_memory::OutOfMemory;
 use crate::render::{Attribute, Compare, Explanation, Inspection, Quantity};
 use crate::viewer::model::{
-    Drawn, Event, ExplainedPixel, Pair, Request, Reusable, Second, Side, WindowRequest, needs_whole,
+    Depths, Drawn, Event, ExplainedPixel, Pair, Request, Reusable, Second, Side, WindowRequest, needs_whole,
 };
 
 impl Session {
@@ -22,11 +22,9 @@ impl Session {
         // One at a time: a mark adds a request to copy its position.
         while !self.viewer.requests.is_empty() {
             match self.viewer.requests.remove(0) {
-                // Selections wait for each other.
-                request @ (Request::Select(_) | Request::SelectBall { .. } | Request::SelectColour(..))
-                    if self.viewer.has_running_edits() =>
-                {
-                    later.push(request)
+                // Edits are made in their order.
+                request if request.is_edit() && (self.viewer.has_running_edits() || !later.is_empty()) => {
+                    later.push(request);
                 }
                 Request::Window(request) => for_window.push(request),
                 Request::Pick(pixel) => self.pick(pixel)?,
@@ -39,11 +37,13 @@ impl Session {
                     self.viewer.mark(pixel, depth);
                 }
                 Request::Select(selecting) => later.extend(self.select(selecting)?.map(Request::Select)),
-                Request::SelectBall { pixel, radius_px, mode, before, goes_on } => {
+                Request::SelectBall { pixel, radius_px, mode, goes_on } => {
                     let Some(depth) = self.depth_at(pixel)? else { continue };
-                    self.viewer.select_ball((pixel, depth), radius_px, mode, (before, goes_on));
+                    self.viewer.select_ball((pixel, depth), radius_px, mode, goes_on);
                 }
                 Request::SelectColour(pixel, mode) => self.select_colour(pixel, mode)?,
+                Request::Act(action) => self.viewer.act_now(action, None),
+                Request::BeginStroke => self.viewer.note_edits(),
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
                 Request::CopyPicture => {
@@ -120,7 +120,23 @@ impl Session {
             && !viewer.is_moving()
             && !viewer.pictures.is_any_building()
             && !self.screen.is_drawing();
-        if !is_at_rest || !has_full_scale || !viewer.needs_snapshot() {
+        if !is_at_rest || !has_full_scale {
+            return Ok(());
+        }
+        if viewer.needs_depths()
+            && viewer.inspector.depths.is_none()
+            && let Some(first) = &mut self.pair.first
+        {
+            let pixels = match first.renderer.depths() {
+                Err(problem) if problem.is::<DeviceLost>() || problem.is::<OutOfMemory>() => return Err(problem),
+                // A picture without depths hides nothing.
+                found => found.unwrap_or_default(),
+            };
+            viewer.inspector.depths = Some(Arc::new(Depths { view: viewer.drawn_view(), pixels }));
+            self.request_layout();
+        }
+        let viewer = &mut self.viewer;
+        if !viewer.needs_snapshot() {
             return Ok(());
         }
         let Some(first) = &self.pair.first else { return Ok(()) };
@@ -209,7 +225,7 @@ impl Session {
         let colour = explanation.colour(self.viewer.view.background);
         let splats = explanation.splats.len();
         self.viewer.events.emit(&Event::Explained { pixel, splats, colour });
-        let view = self.viewer.view.camera();
+        let view = self.viewer.drawn_view();
         self.viewer.inspector.explanation = Some(ExplainedPixel { pixel, side, view, explanation });
         Ok(())
     }

@@ -23,7 +23,9 @@ impl Session {
         if self.viewer.scenes.are_loading() {
             return Ok(Some(selecting));
         }
-        self.viewer.restore_edits(std::mem::take(&mut selecting.before));
+        if std::mem::take(&mut selecting.restarts) {
+            self.viewer.restore_edits();
+        }
         let plan = match self.viewer.plan(Side::First) {
             Ok(Some(plan)) => plan,
             Ok(None) => return Ok(None),

@@ -10,7 +10,7 @@ use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
 use crate::render::{Compare, Inspection, Marker, Quantity};
 use crate::rules::Response;
 use crate::viewer::model::{
-    CompareTarget, Counts, Event, InspectionSettings, Pair, Request, Side, Viewer, WindowRequest, needs_whole,
+    CompareTarget, Counts, Event, InspectionSettings, KEPT, Pair, Request, Side, Viewer, WindowRequest, needs_whole,
 };
 use crate::viewer::panels;
 
@@ -174,6 +174,11 @@ impl Session {
         Some(self.shaders_polled? + SHADER_POLL)
     }
 
+    /// Makes another layout due.
+    pub(super) fn request_layout(&mut self) {
+        self.layout.repaint_delay = Duration::ZERO;
+    }
+
     /// Waits until another frame may be submitted. Call it before taking the input, so that the input is recent.
     pub fn wait_for_slot(&mut self) -> Result<()> {
         self.screen.wait_for_slot(&mut self.pair)
@@ -243,34 +248,70 @@ impl Session {
     }
 
     /// Handles the input, lays the panels out and executes the requests; returns the output and the requests for the
-    /// owner of the window.
-    fn lay_out_ui(&mut self, raw: RawInput, now: Instant) -> Result<(Option<PlatformOutput>, Vec<WindowRequest>)> {
+    /// owner of the window. Slow frames can have several clicks, each of which has a layout of its own.
+    fn lay_out_ui(&mut self, mut raw: RawInput, now: Instant) -> Result<(Option<PlatformOutput>, Vec<WindowRequest>)> {
         let mut seconds = self.layout.at.map_or(0.0, |at| (now - at).as_secs_f64());
         let view_before = self.viewer.view.camera();
-        let (viewer, pair) = (&mut self.viewer, &self.pair);
         if !raw.events.is_empty() {
-            viewer.timing.input_at.get_or_insert(now);
+            self.viewer.timing.input_at.get_or_insert(now);
         }
+        let (mut platform, mut requests) = (PlatformOutput::default(), Vec::new());
+        let begun = Instant::now();
+        for events in by_click(std::mem::take(&mut raw.events)) {
+            let keeps = self.can_keep_panels(&raw, &events);
+            if std::mem::replace(&mut self.viewer.panels.keeps, keeps) && !keeps {
+                // Events are answered by what the layout before them has.
+                self.lay_out_once(RawInput { events: Vec::new(), ..raw.clone() }, (now, 0.0), &mut platform);
+            }
+            let input = RawInput { events, ..raw.clone() };
+            raw.dropped_files.clear();
+            self.lay_out_once(input, (now, std::mem::take(&mut seconds)), &mut platform);
+            requests.extend(self.execute_requests()?);
+        }
+        self.viewer.pictures.are_stale |= self.viewer.view.camera() != view_before;
+        self.viewer.timing.layout_ms = begun.elapsed().as_secs_f64() * 1e3;
+        Ok((Some(platform), requests))
+    }
+
+    /// True if the panels of the last whole layout suit this input.
+    fn can_keep_panels(&self, raw: &RawInput, events: &[egui::Event]) -> bool {
+        let viewer = &self.viewer;
+        let Some(kept) = viewer.panels.kept.as_ref().filter(|_| !viewer.panels.are_hidden) else { return false };
+        let is_free = |pointer: &egui::PointerState| !pointer.any_down() || viewer.pointer.drag.is_some();
+        kept.suit(events)
+            && raw.screen_rect.is_none_or(|window| window == kept.window)
+            && raw.hovered_files.is_empty()
+            && raw.dropped_files.is_empty()
+            && self.context.input(|input| is_free(&input.pointer))
+            && self.context.memory(|memory| memory.focused().is_none())
+            && !self.context.any_popup_open()
+            && viewer.messages.is_quiet()
+    }
+
+    /// One layout, of which `seconds` have passed since the one before.
+    fn lay_out_once(&mut self, input: RawInput, (now, mut seconds): (Instant, f64), platform: &mut PlatformOutput) {
+        let (viewer, pair) = (&mut self.viewer, &self.pair);
         let laid_out = &mut self.laid_out_messages;
-        let output = self.context.clone().run_ui(raw, |ui| {
+        let output = self.context.clone().run_ui(input, |ui| {
             // A layout can take two passes: the second one has no events, and no time passes in it.
-            panels::handle_input(viewer, ui, std::mem::take(&mut seconds));
-            panels::show(viewer, pair, ui);
+            let events = panels::handle_input(viewer, ui, std::mem::take(&mut seconds));
+            panels::show(viewer, pair, ui, events);
             // Messages are placed on the lower edge with their height of the pass before.
             let messages = viewer.messages.shown().len();
             if std::mem::replace(laid_out, messages) != messages {
                 ui.ctx().request_discard("there are other messages");
             }
+            if viewer.panels.keeps {
+                ui.ctx().request_repaint_after(KEPT);
+            }
         });
         let FullOutput { platform_output, textures_delta, shapes, pixels_per_point, viewport_output, .. } = output;
+        platform.append(platform_output);
         self.screen.add_textures(textures_delta);
         let repaint_delay =
             viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap_or(Duration::MAX);
         let triangles = self.context.tessellate(shapes, pixels_per_point);
         self.layout = UiLayout { at: Some(now), triangles, pixels_per_point, repaint_delay };
-        let requests = self.execute_requests()?;
-        self.viewer.pictures.are_stale |= self.viewer.view.camera() != view_before;
-        Ok((Some(platform_output), requests))
     }
 
     /// Reports, once each, the reasons why a picture is not drawn on the fast path.
@@ -304,7 +345,8 @@ impl Session {
             }
         }
         self.screen.draw(&mut self.pair, &camera, background, !self.viewer.panels.are_hidden)?;
-        self.viewer.inspector.snapshot = None;
+        self.viewer.pictures.view = Some(camera);
+        (self.viewer.inspector.snapshot, self.viewer.inspector.depths) = (None, None);
         self.viewer.pictures.are_stale = false;
         self.viewer.timing.pace.drawn += u64::from(self.pair.first.is_some());
         if let Some(at) = self.viewer.timing.input_at.take() {
@@ -430,6 +472,32 @@ impl Session {
             gpu_bytes: self.screen.device().allocated_bytes(),
         }
     }
+}
+
+/// Splits events so that each part has one click at most: a layout knows one position of the pointer, and tells one
+/// click of a widget from none.
+fn by_click(events: Vec<egui::Event>) -> Vec<Vec<egui::Event>> {
+    use egui::Event::{PointerButton, PointerMoved};
+    let mut parts = vec![Vec::new()];
+    let (mut has_button, mut has_release) = (false, false);
+    for event in events {
+        let ends = match &event {
+            PointerMoved(_) => has_button,
+            PointerButton { pressed: true, .. } => has_release,
+            _ => false,
+        };
+        if ends {
+            parts.push(Vec::new());
+            (has_button, has_release) = (false, false);
+        }
+        if let PointerButton { pressed, .. } = event {
+            (has_button, has_release) = (true, has_release || !pressed);
+        }
+        if let Some(part) = parts.last_mut() {
+            part.push(event);
+        }
+    }
+    parts
 }
 
 /// The current combination of pictures and panels.

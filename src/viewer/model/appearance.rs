@@ -1,5 +1,7 @@
 //! The appearance of a scene: factors on its colours and its opacities.
 
+use std::sync::Arc;
+
 use anyhow::{Result, ensure};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -46,6 +48,14 @@ impl Appearance {
         let grey = DMat3::from_cols_array_2d(&LUMINANCE.map(|part| [part; 3]));
         let saturated = DMat3::IDENTITY * self.saturation + grey * (1.0 - self.saturation);
         DMat3::from_diagonal(DVec3::from(self.tint.map(f64::from)) * self.brightness) * saturated
+    }
+
+    /// A shared scene with this appearance.
+    pub fn applied_to(&self, gaussians: Arc<Gaussians>) -> Arc<Gaussians> {
+        match self.is_default() {
+            true => gaussians,
+            false => Arc::new(self.applied(Gaussians::clone(&gaussians))),
+        }
     }
 
     /// A scene with this appearance.

@@ -3,13 +3,14 @@
 use egui::{PointerButton, Pos2};
 use glam::DVec2;
 
-use super::edit::Edits;
 use super::keys::Action;
 use crate::render::SelectionMode;
 
 /// The pointer over the picture.
 #[derive(Default)]
 pub struct Pointer {
+    /// Where the cursor was at the last event, in points.
+    pub position: Option<Pos2>,
     /// The pixel under the cursor; `None` outside the picture.
     pub pixel: Option<[u32; 2]>,
     /// Index of the camera of the file under the cursor.
@@ -119,8 +120,6 @@ pub struct ToolStroke {
     /// In pixels of the picture.
     pub points: Vec<DVec2>,
     pub mode: SelectionMode,
-    /// The edits of layers, by their numbers, before the stroke.
-    pub before: Edits,
     /// Number of points that the brush has painted.
     pub painted: usize,
 }

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 
 use super::contributions::Contributions;
 use super::drag::Tool;
-use super::edit::Property;
+use super::edit::{Edits, Property};
 use super::property_values::PropertyValues;
 use super::undo::Undo;
 
@@ -40,6 +40,8 @@ pub struct Editing {
     pub is_finding: bool,
     /// The GPU time of the last selection in milliseconds.
     pub selection_ms: Option<f64>,
+    /// The edits of layers at the beginning of the stroke.
+    pub before: Edits,
     pub undo: Undo,
 }
 
@@ -60,6 +62,7 @@ impl Default for Editing {
             contributions: None,
             is_finding: false,
             selection_ms: None,
+            before: Vec::new(),
             undo: Undo::default(),
         }
     }

@@ -14,6 +14,19 @@ pub struct Film {
     pub step: f64,
     pub fps: f64,
     pub file: String,
+    /// Seconds that the timeline shows.
+    pub shown_seconds: f64,
+}
+
+/// A change of a key, by its index or its time.
+#[derive(Clone, Copy)]
+pub enum KeyChange {
+    /// Go to its view.
+    Show(f64),
+    /// Replace it by the view that is shown.
+    Replace(f64),
+    Rest(usize, bool),
+    Remove(usize),
 }
 
 impl Default for Film {
@@ -26,6 +39,7 @@ impl Default for Film {
             step: 2.0,
             fps: 30.0,
             file: "path.json".to_owned(),
+            shown_seconds: 1.0,
         }
     }
 }

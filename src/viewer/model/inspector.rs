@@ -1,8 +1,8 @@
-//! Inspection of the pictures: the view mode, pixel values read back, marked points, and an explained pixel.
+//! Inspection of the pictures: the view mode, pixel values read back, and an explained pixel.
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::DVec2;
 
 use super::plan::Side;
 use super::snapshot::{Area, Snapshot, fitted_range};
@@ -11,19 +11,35 @@ use crate::camera::Camera;
 use crate::pixels::Pixels;
 use crate::render::Explanation;
 
-/// Most marks: three points define a plane.
-const MARKS: usize = 3;
-
 /// The inspection of the pictures.
 pub struct Inspector {
     pub settings: InspectionSettings,
     /// The pictures, read back while they are at rest and their values are needed.
     pub snapshot: Option<Snapshot>,
+    /// The depths of the first picture at rest, while guides are shown.
+    pub depths: Option<Arc<Depths>>,
     /// Number of the last snapshot.
     last_snapshot: u64,
-    /// The points that were marked last, in world units.
-    pub marks: Vec<DVec3>,
     pub explanation: Option<ExplainedPixel>,
+}
+
+/// The depths of a picture.
+pub struct Depths {
+    pub view: Camera,
+    /// The mean depth of each pixel in world units, weighted by the shares of its splats; infinite where less than half
+    /// of the light is the scene's.
+    pub pixels: Vec<f32>,
+}
+
+impl Depths {
+    /// True if the picture hides a point at a position in pixels and a depth.
+    pub fn hides(&self, place: DVec2, depth: f64) -> bool {
+        let [width, height] = self.view.size_px;
+        let [x, y] = place.to_array().map(|side| side.floor());
+        let is_inside = x >= 0.0 && y >= 0.0 && x < f64::from(width) && y < f64::from(height);
+        let pixel = || self.pixels.get(y as usize * width as usize + x as usize);
+        is_inside && pixel().is_some_and(|seen| f64::from(*seen) < depth)
+    }
 }
 
 /// The explanation of a pixel, for the view at which it was requested.
@@ -38,7 +54,7 @@ impl Inspector {
     /// `view_mode`: index of the view mode.
     pub fn new(view_mode: usize) -> Self {
         let settings = InspectionSettings { mode: view_mode, ..InspectionSettings::default() };
-        Self { settings, snapshot: None, last_snapshot: 0, marks: Vec::new(), explanation: None }
+        Self { settings, snapshot: None, depths: None, last_snapshot: 0, explanation: None }
     }
 
     /// Stores the pictures that were read back, with the next number.
@@ -52,17 +68,6 @@ impl Inspector {
         let quantity = self.settings.quantity();
         let range = self.snapshot.as_ref().and_then(|snapshot| fitted_range(&snapshot.first, quantity));
         range.inspect(|range| self.settings.ranges[self.settings.mode] = *range).is_some()
-    }
-
-    /// Marks a point, in place of the oldest mark if there are three. Returns the distance from the mark before, in
-    /// world units.
-    pub fn mark(&mut self, point: DVec3) -> Option<f64> {
-        if self.marks.len() == MARKS {
-            self.marks.remove(0);
-        }
-        let distance = self.marks.last().map(|before| before.distance(point));
-        self.marks.push(point);
-        distance
     }
 
     /// Removes the explanation and draws all Gaussians again.

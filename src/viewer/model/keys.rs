@@ -66,7 +66,23 @@ pub enum Action {
     Quit,
 }
 
-/// Every action: its name in the file, its default key, and its help text.
+impl Action {
+    /// True for edits of scenes, undo and redo.
+    pub fn is_edit(self) -> bool {
+        use Action::{Delete, Hide, Invert, Redo, SelectAll, SelectNone, ShowHidden, Undo};
+        matches!(self, SelectAll | SelectNone | Invert | Delete | Hide | ShowHidden | Undo | Redo)
+    }
+
+    /// True if a key that is held acts again and again.
+    pub fn repeats(self) -> bool {
+        matches!(
+            self,
+            Self::NextCamera | Self::PreviousCamera | Self::NextLook | Self::PreviousLook | Self::Undo | Self::Redo
+        )
+    }
+}
+
+/// Every action: its name in the file, its default key, and its help text. Actions of a task follow each other.
 pub const ACTIONS: [(Action, &str, &str, &str); 51] = [
     (Action::Forward, "forward", "W", "fly ahead"),
     (Action::Back, "back", "S", "fly back"),
@@ -92,6 +108,10 @@ pub const ACTIONS: [(Action, &str, &str, &str); 51] = [
     (Action::CopyView, "copy-view", "Ctrl+C", "copy the view as JSON"),
     (Action::PasteView, "paste-view", "Ctrl+V", "go to a copied view"),
     (Action::Save, "save", "Ctrl+S", "save a project: scenes, places, edits, options, path and view"),
+    (Action::Undo, "undo", "Ctrl+Z", "undo a change of the view, the path, options, scenes or edits"),
+    (Action::Redo, "redo", "Ctrl+Y", "make what was undone again"),
+    (Action::Help, "help", "Questionmark", "show the keys"),
+    (Action::Quit, "quit", "Ctrl+Q", "quit"),
     (Action::ToolView, "tool-view", "1", "tool: the left button turns the view"),
     (Action::ToolRectangle, "tool-rectangle", "2", "tool: select by a rectangle"),
     (Action::ToolLasso, "tool-lasso", "3", "tool: select by a lasso"),
@@ -107,18 +127,25 @@ pub const ACTIONS: [(Action, &str, &str, &str); 51] = [
     (Action::Delete, "delete", "Delete", "with a tool or the page Edit: delete what is selected"),
     (Action::Hide, "hide", "B", "with a tool or the page Edit: hide what is selected"),
     (Action::ShowHidden, "show-hidden", "Shift+B", "with a tool or the page Edit: show what is hidden"),
-    (Action::Undo, "undo", "Ctrl+Z", "undo a change of the view, the path, options, scenes or edits"),
-    (Action::Redo, "redo", "Ctrl+Y", "make what was undone again"),
     (Action::FreezeCulling, "freeze-culling", "K", "freeze culling at this view, or stop that"),
     (Action::Flicker, "flicker", "Space", "while held: the other picture of a comparison"),
     (Action::Pick, "explain", "X", "explain the pixel under the cursor"),
     (Action::Mark, "mark", "M", "mark the point under the cursor: its place, and its distance from the mark before"),
-    (Action::AddKey, "add-key", "I", "add the view to the path"),
-    (Action::Play, "play", "O", "play or stop the path"),
     (Action::NextLook, "next-look", "L", "next view mode"),
     (Action::PreviousLook, "previous-look", "J", "previous view mode"),
-    (Action::Help, "help", "Questionmark", "show the keys"),
-    (Action::Quit, "quit", "Ctrl+Q", "quit"),
+    (Action::AddKey, "add-key", "I", "add the view to the path"),
+    (Action::Play, "play", "O", "play or stop the path"),
+];
+
+/// The tasks of actions: a title, and the first action.
+pub const TASKS: [(&str, Action); 7] = [
+    ("Fly", Action::Forward),
+    ("Views and cameras", Action::NextCamera),
+    ("Window, files, undo", Action::FullScreen),
+    ("Tools", Action::ToolView),
+    ("Edits", Action::SelectAll),
+    ("Look inside, compare, measure", Action::FreezeCulling),
+    ("Camera path", Action::AddKey),
 ];
 
 /// A key with its modifiers, or modifiers alone, which are held together with other keys.
@@ -184,6 +211,19 @@ impl Bindings {
         self.chords[&action]
     }
 
+    /// The action of a key that is pressed with these modifiers. Of two that it suits, as B and Shift+B, it is the one
+    /// with more modifiers.
+    pub fn action(&self, key: Key, held: Modifiers) -> Option<Action> {
+        let suits = self.chords.iter().filter_map(|(action, chord)| match chord {
+            Chord::Key(shortcut) if shortcut.logical_key == key && held.matches_logically(shortcut.modifiers) => {
+                let Modifiers { alt, shift, command, .. } = shortcut.modifiers;
+                Some((u8::from(alt) + u8::from(shift) + u8::from(command), *action))
+            }
+            _ => None,
+        });
+        suits.max_by_key(|(modifiers, _)| *modifiers).map(|(_, action)| action)
+    }
+
     /// The text of an action's key, for the help.
     pub fn text(&self, action: Action) -> String {
         match self.chord(action) {
@@ -238,6 +278,14 @@ mod tests {
         assert_eq!(bindings.text(Action::CopyView), "Ctrl+C");
         assert_eq!(bindings.text(Action::Fast), "Shift");
         assert_eq!(bindings.text(Action::Forward), "W");
+    }
+
+    #[test]
+    fn a_key_with_modifiers_is_told_from_the_key_alone() {
+        let bindings = Bindings::default();
+        assert_eq!(bindings.action(Key::B, Modifiers::NONE), Some(Action::Hide));
+        assert_eq!(bindings.action(Key::B, Modifiers::SHIFT), Some(Action::ShowHidden));
+        assert_eq!(bindings.action(Key::Z, Modifiers::NONE), None);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::formats::Reading;
 use crate::pagefile;
 use crate::pagefile::PageFile;
 use crate::procedural::Procedural;
-use crate::scene::{Focus, Gaussians, Scene, Transform, Watch, remarks};
+use crate::scene::{Focus, Gaussians, Scene, SceneInstances, Transform, Watch, remarks};
 use crate::viewer::jobs::{Cancel, FileStamp, file_watch};
 
 /// The source of a scene.
@@ -36,6 +36,8 @@ pub struct Layer {
     /// A text about the file and about Gaussians that were dropped.
     pub summary: String,
     pub placement: Placement,
+    /// The list of places at which the scene is drawn, in the axes before the placement, and its file.
+    pub places: Option<(PathBuf, SceneInstances)>,
     pub appearance: Appearance,
     /// The scene is a part of that of its source: this edit of the whole deletes what is not in it.
     pub part: Option<Arc<Edit>>,
@@ -77,6 +79,16 @@ impl Default for Placement {
 }
 
 impl Placement {
+    /// The placement of a transform.
+    pub fn of(transform: &Transform) -> Self {
+        let (y, x, z) = transform.rotation().to_euler(EulerRot::YXZ);
+        Self {
+            translation: transform.translation().to_array(),
+            rotation: [x, y, z].map(f64::to_degrees),
+            scale: transform.scale(),
+        }
+    }
+
     /// The transform of this placement: exactly the identity for the default numbers.
     ///
     /// # Errors
@@ -116,6 +128,7 @@ impl Layer {
             is_antialiased: false,
             summary: String::new(),
             placement: Placement::default(),
+            places: None,
             appearance: Appearance::default(),
             part: None,
             edit: None,
@@ -160,6 +173,7 @@ impl Layer {
             is_antialiased: whole.is_antialiased,
             summary: format!("{} Gaussians of {}", selected.len(), whole.name),
             placement: whole.placement,
+            places: whole.places.clone(),
             appearance: whole.appearance,
             part: Some(Arc::new(part)),
             edit: None,
@@ -239,6 +253,7 @@ impl Layer {
     /// Bounds of the main content in the world; `None` before the scene is loaded, or if its placement is no transform.
     pub fn placed_focus(&self) -> Option<Focus> {
         let (focus, transform) = (self.focus?, self.placement.transform().ok()?);
+        let focus = self.places.as_ref().map_or(focus, |(_, places)| places.focus(focus));
         let centre = transform.point(DVec3::from(focus.centre)).to_array();
         Some(Focus { centre, radius: focus.radius * transform.scale() })
     }
@@ -253,7 +268,8 @@ impl Layer {
         let transform = self.placement.transform().with_context(|| format!("{} cannot be placed there", self.name))?;
         // A scene that is read again may have another number of Gaussians; it is not edited then.
         let edit = self.edit.clone().filter(|edit| edit.gaussians() == scene.count());
-        Ok(Some(DrawnScene { scene, transform, appearance: self.appearance, edit }))
+        let places = self.places.as_ref().map(|(_, places)| places.clone());
+        Ok(Some(DrawnScene { scene, transform, places, appearance: self.appearance, edit }))
     }
 }
 

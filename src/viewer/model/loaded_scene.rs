@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use super::appearance::Appearance;
 use super::edit::Edit;
 use crate::pagefile::PageFile;
-use crate::scene::{Focus, Gaussians, Scene, Transform};
+use crate::scene::{Focus, Gaussians, Scene, SceneInstances, Transform};
 
 /// A scene that a job has opened.
 pub enum OpenedScene {
@@ -28,6 +28,8 @@ pub enum LoadedScene {
 pub struct DrawnScene {
     pub scene: LoadedScene,
     pub transform: Transform,
+    /// The places of a list, in the axes before the transform; once without a list.
+    pub places: Option<SceneInstances>,
     pub appearance: Appearance,
     /// The hidden and deleted Gaussians, which are not drawn, and the selected ones.
     pub edit: Option<Arc<Edit>>,
@@ -36,7 +38,11 @@ pub struct DrawnScene {
 /// True if both lists contain the same scenes with the same transforms and appearances, edited or not.
 pub fn are_same(scenes: &[DrawnScene], others: &[DrawnScene]) -> bool {
     let is_same = |(a, b): (&DrawnScene, &DrawnScene)| {
-        a.scene.is_same(&b.scene) && a.transform == b.transform && a.appearance == b.appearance
+        let has_same_places = match (&a.places, &b.places) {
+            (Some(a), Some(b)) => a.all() == b.all(),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        a.scene.is_same(&b.scene) && a.transform == b.transform && has_same_places && a.appearance == b.appearance
     };
     scenes.len() == others.len() && scenes.iter().zip(others).all(is_same)
 }
@@ -60,8 +66,28 @@ impl DrawnScene {
     pub fn whole(&self) -> Result<Arc<Gaussians>> {
         match &self.scene {
             LoadedScene::Whole(gaussians) => Ok(gaussians.clone()),
-            LoadedScene::Paged(_) => bail!("a scene with levels of detail is drawn alone: hide or close the others"),
+            LoadedScene::Paged(_) => bail!("a scene with levels of detail is not in memory as a whole"),
         }
+    }
+
+    /// The Gaussians that are neither hidden nor deleted, in the scene's own axes.
+    ///
+    /// # Errors
+    /// The scene is paged, or memory runs out.
+    pub fn drawn(&self) -> Result<Arc<Gaussians>> {
+        let whole = self.whole()?;
+        let Some(edit) = self.edit.as_ref().filter(|edit| edit.leaves_out()) else { return Ok(whole) };
+        Ok(Arc::new(whole.selected(&edit.drawn())?))
+    }
+
+    /// The transforms at which the scene is drawn.
+    ///
+    /// # Errors
+    /// Two transforms after each other are none.
+    pub fn instances(&self) -> Result<SceneInstances> {
+        let Some(places) = &self.places else { return SceneInstances::new(vec![self.transform]) };
+        let placed = places.all().iter().map(|place| place.then(&self.transform));
+        SceneInstances::new(placed.collect::<Result<_>>()?)
     }
 
     /// True if not all Gaussians are drawn.

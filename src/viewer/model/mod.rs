@@ -9,7 +9,8 @@
 //! - `plan` - plans of the two pictures, and their builds: a scene on the GPU with its renderer
 //! - `pictures` - which of the two pictures are stale, building or refused
 //! - `comparison`, `snapshot` - the second picture, and pixel values read back for numbers
-//! - `inspector`, `view_modes` - view modes, marks, and the explained pixel
+//! - `inspector`, `view_modes` - view modes, and the explained pixel
+//! - `measures`, `alignment` - points, distances, angles and areas, and the alignment of scenes by pairs of points
 //! - `timing`, `frame_times`, `rate` - frame times, the pace of the window, and the control that keeps a frame rate
 //! - `measuring` - costs of knobs and error budgets
 //! - `film`, `export` - the camera path, and the files to write
@@ -19,6 +20,7 @@
 //! - `panels`, `dialog`, `recent`, `messages` - panels, file dialogs, the state kept between windows, messages
 //! - `keys`, `events`, `job_event`, `project` - key bindings, events for scripts, events of jobs, and project files
 
+mod alignment;
 mod appearance;
 mod cameras;
 mod comparison;
@@ -38,6 +40,7 @@ mod job_event;
 mod keys;
 mod layers;
 mod loaded_scene;
+mod measures;
 mod measuring;
 mod messages;
 mod panels;
@@ -58,6 +61,7 @@ mod view;
 mod view_modes;
 mod viewer;
 
+pub(crate) use alignment::aligning;
 pub(crate) use appearance::Appearance;
 pub use comparison::{CompareMode, CompareTarget};
 pub(crate) use comparison::{Comparison, PictureContent, PictureOf, SecondPicture, covered, fitted, over};
@@ -66,18 +70,22 @@ pub(crate) use dialog::{CAMERAS, DialogResult, PICTURES, SaveTarget};
 pub use drag::Tool;
 pub(crate) use drag::{Drag, DragMotion, Handle, ToolStroke};
 pub use edit::{Change, Counts, Property, Selection};
-pub(crate) use edit::{Edit, Edits, base_colour, part_of_set, set_of};
+pub(crate) use edit::{Edit, base_colour, part_of_set, set_of};
 pub(crate) use evaluation::{Evaluation, EvaluationRow, PosedPhotograph};
 pub use events::Event;
+pub(crate) use film::KeyChange;
 pub use frame_times::Digest;
-pub(crate) use gizmo::{BoxHandles, Gizmo, turned};
-pub(crate) use inspector::ExplainedPixel;
+pub(crate) use gizmo::{BoxHandles, Gizmo};
+pub(crate) use inspector::{Depths, ExplainedPixel};
 pub(crate) use job_event::{JobEvent, Jobs, Origin, Reporter};
 pub use keys::Bindings;
-pub(crate) use keys::{ACTIONS, Action, Chord};
+pub(crate) use keys::{ACTIONS, Action, Chord, TASKS};
 pub(crate) use layers::{Layer, LayerSource, Placement};
 pub(crate) use loaded_scene::{LoadedScene, OpenedScene, are_same};
+pub use measures::MeasureKind;
+pub(crate) use measures::{LengthUnit, Measure};
 pub(crate) use measuring::{Measurement, Purpose};
+pub(crate) use panels::{KEPT, KeptPanels};
 pub(crate) use photographs::{Photographs, camera_of, holds_photographs};
 pub(crate) use plan::{Drawn, MeasuredScene, Pair, Plan, Reusable, Second, Side, needs_whole};
 pub(crate) use project::{PROJECT_ENDING, PlacedScene, Project, ProjectView, is_project, relative_to};

@@ -3,11 +3,14 @@
 use std::time::SystemTime;
 
 use super::plan::Plan;
+use crate::camera::Camera;
 
 /// The state of the two pictures. Arrays are indexed by [`Side`](super::plan::Side).
 pub struct Pictures {
     /// The pictures must be drawn again.
     pub are_stale: bool,
+    /// The view of the last drawing, of which depths and explanations are; `None` before it.
+    pub view: Option<Camera>,
     /// Builds under way.
     pub are_building: [bool; 2],
     /// Plans whose build failed, so that the build is not repeated every frame.
@@ -24,6 +27,7 @@ impl Default for Pictures {
     fn default() -> Self {
         Self {
             are_stale: true,
+            view: None,
             are_building: [false; 2],
             refused: [None, None],
             shader_errors: [None, None],

@@ -12,9 +12,12 @@ use crate::camera::Camera;
 use crate::gpu::{Device, Image};
 use crate::options::Options;
 use crate::packing::{Layout, Statistics};
-use crate::render::{Content, Frame, GpuScene, Inspection, Marker, Path, Renderer, Residency, SceneSource, Upload};
+use crate::pagefile::PagedScene;
+use crate::render::{
+    Content, Frame, GpuScene, Inspection, JoinedScenes, Marker, Path, Renderer, Residency, SceneSource, Upload,
+};
 use crate::rules::Background;
-use crate::scene::{Gaussians, SceneInstances, Transform};
+use crate::scene::{Gaussians, Transform};
 
 /// One of the two pictures that a window can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +41,7 @@ pub struct Drawn {
     /// The joined scenes on the device, in world space; `None` for a paged scene.
     pub gaussians: Option<Arc<Gaussians>>,
     pub statistics: Arc<Statistics>,
-    source: SceneSource,
+    source: Source,
     /// The layout of the scene for the options.
     layout: Layout,
     pub scene: GpuScene,
@@ -92,8 +95,13 @@ impl Plan {
         are_same(&self.scenes, &other.scenes)
     }
 
-    /// True if a scene is paged.
+    /// True if the scenes are drawn in pages: one has levels of detail, or is drawn at places of a list.
     pub fn is_paged(&self) -> bool {
+        self.scenes.iter().any(|drawn| matches!(drawn.scene, LoadedScene::Paged(_)) || drawn.places.is_some())
+    }
+
+    /// True if a scene has levels of detail.
+    pub fn has_levels(&self) -> bool {
         self.scenes.iter().any(|drawn| matches!(drawn.scene, LoadedScene::Paged(_)))
     }
 
@@ -148,33 +156,37 @@ impl Plan {
         });
         let (mut source, mut statistics) = match &reusable {
             Some(old) => (old.source.clone(), old.statistics.clone()),
-            None => described(self.source()?),
+            None => {
+                let source = self.source()?;
+                let statistics = source.statistics();
+                (source, statistics)
+            }
         };
-        let options = match self.is_paged() && !self.options.wants_levels() {
+        let options = match self.has_levels() && !self.options.wants_levels() {
             true => Options { lod_fade: self.options.lod_fade, ..self.options.finest() },
             false => self.options,
         };
-        let layout_of = |statistics: &Statistics| match self.is_paged() {
+        let layout_of = |statistics: &Statistics| match self.has_levels() {
             true => Layout::of_nodes(statistics, &options),
             false => Layout::of(statistics, &options),
         };
         let mut layout = layout_of(&statistics);
         let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == options.rules.alpha_min;
-        let upload = |source: &SceneSource| {
+        let upload = |source: &Source| {
             let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
-            source.upload_with(device, &options, Upload::reserving(BYTES_PER_PIXEL * pixels))
+            source.upload(device, &options, Upload::reserving(BYTES_PER_PIXEL * pixels))
         };
         let mut is_edited = reusable.as_ref().is_some_and(|old| old.is_edited);
         let reused = reusable.filter(|old| old.layout == layout && same_threshold(old)).map(|old| old.scene);
         let is_reused = reused.is_some();
         let mut scene = reused.map_or_else(|| upload(&source), Ok)?;
-        if !is_reused && !is_edited && scene.is_paged() && self.leaves_out() {
+        if !is_reused && !is_edited && scene.is_paged() && source.gaussians().is_some() && self.leaves_out() {
             // Pages have no marks, so only the drawn Gaussians are in them.
             drop(scene);
             is_edited = true;
             let gaussians = self.edited()?;
             statistics = Arc::new(Statistics::of(&gaussians));
-            source = SceneSource::shared(gaussians, statistics.clone());
+            source = Source::Scene(SceneSource::shared(gaussians, statistics.clone()));
             layout = layout_of(&statistics);
             scene = upload(&source)?;
         }
@@ -201,10 +213,7 @@ impl Plan {
             renderer.prepare_portable()?;
         }
         let (inspection, generation) = (Inspection::default(), generation.unwrap_or_default());
-        let gaussians = match &source.content {
-            Content::Memory { gaussians, .. } => Some(gaussians.clone()),
-            Content::File(_) => None,
-        };
+        let gaussians = source.gaussians();
         let plan = self;
         Ok(Drawn {
             plan,
@@ -223,28 +232,32 @@ impl Plan {
         })
     }
 
-    /// The scene to upload.
-    fn source(&self) -> Result<SceneSource> {
-        match &self.scenes[..] {
-            [DrawnScene { scene: LoadedScene::Paged(file), transform, .. }] => {
-                let placed = (*transform != Transform::IDENTITY).then(|| SceneInstances::new(vec![*transform]));
-                Ok(SceneSource { instances: placed.transpose()?, ..SceneSource::of_file(file.clone()) })
-            }
-            _ => {
-                let gaussians = self.joined(|drawn| drawn.whole())?;
-                let statistics = Arc::new(Statistics::of(&gaussians));
-                Ok(SceneSource::shared(gaussians, statistics))
-            }
+    /// The scene to upload: in pages if a scene has levels of detail, or is drawn at places of a list.
+    fn source(&self) -> Result<Source> {
+        if !self.is_paged() {
+            let gaussians = self.joined(|drawn| drawn.whole())?;
+            let statistics = Arc::new(Statistics::of(&gaussians));
+            return Ok(Source::Scene(SceneSource::shared(gaussians, statistics)));
         }
+        if let [DrawnScene { scene: LoadedScene::Paged(file), transform, places: None, .. }] = &self.scenes[..]
+            && *transform == Transform::IDENTITY
+        {
+            return Ok(Source::Scene(SceneSource::of_file(file.clone())));
+        }
+        let placed = |drawn: &DrawnScene| {
+            let LoadedScene::Paged(file) = &drawn.scene else {
+                let gaussians = drawn.appearance.applied_to(drawn.drawn()?);
+                let statistics = Arc::new(Statistics::of(&gaussians));
+                return Ok((PagedScene::Memory(gaussians, statistics), drawn.instances()?));
+            };
+            Ok((PagedScene::File(file.clone()), drawn.instances()?))
+        };
+        Ok(Source::Joined(JoinedScenes::new(self.scenes.iter().map(placed).collect::<Result<_>>()?)?))
     }
 
     /// The drawn Gaussians of the scenes, transformed and joined.
     pub fn edited(&self) -> Result<Arc<Gaussians>> {
-        self.joined(|drawn| {
-            let whole = drawn.whole()?;
-            let Some(edit) = drawn.edit.as_ref().filter(|edit| edit.leaves_out()) else { return Ok(whole) };
-            Ok(Arc::new(whole.selected(&edit.drawn())?))
-        })
+        self.joined(DrawnScene::drawn)
     }
 
     fn joined(&self, gaussians: impl Fn(&DrawnScene) -> Result<Arc<Gaussians>>) -> Result<Arc<Gaussians>> {
@@ -261,19 +274,44 @@ impl Plan {
     }
 }
 
-/// A source with its statistics.
-fn described(source: SceneSource) -> (SceneSource, Arc<Statistics>) {
-    let statistics = match &source.content {
-        Content::Memory { statistics, .. } => statistics.clone(),
-        Content::File(file) => Arc::new(file.header().statistics.clone()),
-    };
-    (source, statistics)
+/// What a plan uploads: one scene, or several that are drawn in pages.
+#[derive(Clone)]
+enum Source {
+    Scene(SceneSource),
+    Joined(JoinedScenes),
+}
+
+impl Source {
+    fn statistics(&self) -> Arc<Statistics> {
+        match self {
+            Self::Scene(scene) => match &scene.content {
+                Content::Memory { statistics, .. } => statistics.clone(),
+                Content::File(file) => Arc::new(file.header().statistics.clone()),
+            },
+            Self::Joined(joined) => joined.statistics.clone(),
+        }
+    }
+
+    /// All Gaussians, if they are in memory and drawn once.
+    fn gaussians(&self) -> Option<Arc<Gaussians>> {
+        match self {
+            Self::Scene(SceneSource { content: Content::Memory { gaussians, .. }, .. }) => Some(gaussians.clone()),
+            _ => None,
+        }
+    }
+
+    fn upload(&self, device: &Device, options: &Options, upload: Upload) -> Result<GpuScene> {
+        match self {
+            Self::Scene(scene) => scene.upload_with(device, options, upload),
+            Self::Joined(joined) => joined.upload_with(device, options, upload),
+        }
+    }
 }
 
 /// The parts of a picture that the build of another picture may reuse.
 pub struct Reusable {
     plan: Plan,
-    source: SceneSource,
+    source: Source,
     statistics: Arc<Statistics>,
     layout: Layout,
     scene: GpuScene,
@@ -315,8 +353,8 @@ impl MeasuredScene {
 /// The message that `what` needs a whole scene, but the scene is paged.
 pub fn needs_whole(what: &str) -> String {
     format!(
-        "{what} needs the whole scene in memory, but scenes with levels of detail are read page by page: open the file \
-         that they were made from"
+        "{what} needs a scene that is in memory as a whole and drawn once: scenes with levels of detail, and scenes at \
+         places of a list, are drawn in pages"
     )
 }
 

@@ -10,6 +10,7 @@ use serde_json::Value;
 use super::appearance::Appearance;
 use super::edit::Edit;
 use super::layers::Placement;
+use super::measures::Measures;
 use crate::camera::{Camera, Timeline, Up, from_json, to_json};
 use crate::files::{read_whole, write_whole};
 use crate::options::{KNOBS, Knob, Options};
@@ -41,6 +42,8 @@ pub struct Project {
     pub repeats: bool,
     /// The name of the view mode.
     pub look: String,
+    #[serde(default, skip_serializing_if = "Measures::is_empty")]
+    pub measures: Measures,
 }
 
 /// A scene of a project.
@@ -55,6 +58,9 @@ pub struct PlacedScene {
     pub scale: f64,
     /// In the first picture, and in the second.
     pub shown: [bool; 2],
+    /// A list of places at which the scene is drawn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub places: Option<PathBuf>,
     /// Runs of Gaussians with equal flags: their number, and 1 for selected, 2 for hidden, 4 for deleted.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub edit: Vec<(usize, u8)>,
@@ -105,6 +111,7 @@ impl Project {
             path: path.to_value(),
             repeats: false,
             look: "colour".to_owned(),
+            measures: Measures::default(),
         }
     }
 
@@ -124,6 +131,7 @@ impl Project {
         project.view()?;
         project.path()?;
         project.up()?;
+        project.measures.check()?;
         for scene in &project.scenes {
             scene.placement().transform().with_context(|| scene.scene.clone())?;
             scene.appearance.check().with_context(|| scene.scene.clone())?;

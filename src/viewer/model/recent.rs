@@ -31,6 +31,10 @@ impl Tab {
         (Self::Path, "Path"),
         (Self::Edit, "Edit"),
     ];
+
+    pub fn title(self) -> &'static str {
+        Self::ALL[self as usize].1
+    }
 }
 
 /// The state kept from one window to the next, in a JSON file.
@@ -41,6 +45,8 @@ pub struct RecentState {
     #[serde(rename = "recent")]
     pub files: Vec<PathBuf>,
     pub tab: Tab,
+    /// A page that is open beside the others.
+    pub beside: Option<Tab>,
     /// The panels have dark text on a light ground.
     pub is_light: bool,
     /// The cameras of the file are drawn over the picture.
@@ -74,6 +80,12 @@ impl RecentState {
     pub fn write(&self, file: &Path) -> Result<()> {
         file.parent().map_or(Ok(()), make_folder)?;
         write_whole(file, |writer| Ok(serde_json::to_writer_pretty(writer, self)?))
+    }
+
+    /// Keeps the open page open beside the others, of which the first is opened.
+    pub fn keep_beside(&mut self) {
+        self.beside = Some(self.tab);
+        self.tab = if self.tab == Tab::Scene { Tab::Quality } else { Tab::Scene };
     }
 
     /// Adds a scene file, as the most recent one.

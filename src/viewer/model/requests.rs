@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use super::contributions::Contributions;
-use super::edit::{Edits, Selection};
+use super::edit::Selection;
+use super::keys::Action;
 use crate::camera::Camera;
 use crate::gpu::Vsync;
 use crate::render::SelectionMode;
@@ -24,11 +25,14 @@ pub enum Request {
         pixel: [u32; 2],
         radius_px: f64,
         mode: SelectionMode,
-        before: Edits,
         /// A stroke goes on: there is no message.
         goes_on: bool,
     },
     Select(Selecting),
+    /// Do what the key of an edit does.
+    Act(Action),
+    /// Note the edits from which a stroke of a tool starts.
+    BeginStroke,
     /// Select Gaussians of the colour of the one that is seen most at this pixel.
     SelectColour([u32; 2], SelectionMode),
     /// Fit the scale of the view mode to the values of the picture.
@@ -45,6 +49,16 @@ pub enum Request {
     Evaluate,
 }
 
+impl Request {
+    /// True for edits of scenes, which are made in their order.
+    pub fn is_edit(&self) -> bool {
+        matches!(
+            self,
+            Self::Select(_) | Self::SelectBall { .. } | Self::SelectColour(..) | Self::Act(_) | Self::BeginStroke
+        )
+    }
+}
+
 /// A selection that is requested.
 #[derive(Clone)]
 pub struct Selecting {
@@ -52,8 +66,8 @@ pub struct Selecting {
     pub mode: SelectionMode,
     /// The view at the time of the request.
     pub view: Camera,
-    /// The edits of layers, by their numbers, that the selection starts from; empty for the current ones.
-    pub before: Edits,
+    /// It starts from the edits at the beginning of the stroke, not from the current ones.
+    pub restarts: bool,
     /// The contributions to the view at the time of the request, once a job has found them.
     pub contributions: Option<Arc<Contributions>>,
     /// A stroke goes on: there is no message.

@@ -22,9 +22,14 @@ impl Scenes {
         self.layers.iter().any(|layer| layer.progress.is_some())
     }
 
-    /// True if a scene is read page by page.
-    pub fn are_paged(&self) -> bool {
+    /// True if a scene has levels of detail, which are read page by page.
+    pub fn have_levels(&self) -> bool {
         self.layers.iter().any(|layer| matches!(layer.scene, Some(LoadedScene::Paged(_))))
+    }
+
+    /// True if scenes are drawn in pages: one has levels of detail, or is drawn at places of a list.
+    pub fn are_paged(&self) -> bool {
+        self.have_levels() || self.layers.iter().any(|layer| layer.places.is_some())
     }
 
     /// A number that no layer of this viewer has had.

@@ -12,7 +12,7 @@ use crate::formats::Reading;
 use crate::gpu::Vsync;
 use crate::options::Options;
 use crate::rules::Background;
-use crate::scene::Focus;
+use crate::scene::{Focus, SceneInstances};
 
 /// The settings with which the program was started.
 #[derive(Clone)]
@@ -23,6 +23,8 @@ pub struct Setup {
     /// The options of a command line for `reading`.
     pub reading_options: Vec<String>,
     pub cameras: Option<PathBuf>,
+    /// The list of places of the first scene, with its file.
+    pub places: Option<(PathBuf, SceneInstances)>,
     /// The first view; `None` for the first camera of the file, or a view of the whole scene.
     pub start: Option<Start>,
     pub background: Background,

@@ -18,6 +18,8 @@ pub struct Timing {
     /// The refresh interval of the screen in milliseconds.
     pub refresh_ms: f64,
     pub vsync: Vsync,
+    /// Processor time of the last layout of the panels, in milliseconds.
+    pub layout_ms: f64,
 }
 
 impl Timing {
@@ -31,6 +33,7 @@ impl Timing {
             input_at: None,
             refresh_ms: 1000.0 / 60.0,
             vsync,
+            layout_ms: 0.0,
         }
     }
 

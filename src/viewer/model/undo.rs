@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::appearance::Appearance;
 use super::edit::{Edit, Edits};
 use super::layers::Placement;
+use super::measures::Measures;
 use crate::camera::{Camera, Timeline};
 use crate::options::{KNOBS, Options};
 use crate::rules::Background;
@@ -77,13 +78,14 @@ pub struct UndoState {
     pub parts: Vec<u64>,
     /// Layer number and edit.
     pub edits: Edits,
+    pub measures: Measures,
 }
 
 impl UndoState {
     /// Names the first difference of the state that comes from this one; `None` if they are equal. `name` is the name
     /// of a layer.
     pub fn difference(&self, next: &Self, name: impl Fn(u64) -> String) -> Option<String> {
-        let Self { view, options, background, timeline, layers, parts, edits } = self;
+        let Self { view, options, background, timeline, layers, parts, edits, measures } = self;
         let are_open = layers.iter().map(|layer| layer.number).eq(next.layers.iter().map(|layer| layer.number));
         let changed = layers.iter().zip(&next.layers).find(|(one, other)| one != other);
         let are_edited = edits.iter().zip(&next.edits).any(|(one, other)| match (&one.1, &other.1) {
@@ -106,6 +108,7 @@ impl UndoState {
             _ if *timeline != next.timeline => {
                 Some(format!("the path: {} keys, from {}", next.timeline.keys().len(), timeline.keys().len()))
             }
+            _ if *measures != next.measures => Some("the measures".to_owned()),
             (_, [knob]) => Some(format!("the option {knob}")),
             (_, [_, _, ..]) => Some(format!("the options {}", turned.join(", "))),
             _ if *options != next.options => Some("the options".to_owned()),

@@ -13,6 +13,7 @@ use super::film::Film;
 use super::inspector::Inspector;
 use super::job_event::Jobs;
 use super::keys::Action;
+use super::measures::{Measures, Ruler};
 use super::measuring::Measuring;
 use super::messages::Messages;
 use super::panels::Panels;
@@ -25,6 +26,7 @@ use super::setup::Setup;
 use super::snapshot::Area;
 use super::timing::Timing;
 use super::view::View;
+use crate::camera::Camera;
 use crate::options::Options;
 use crate::render::Quantity;
 use crate::rules::Rules;
@@ -43,6 +45,8 @@ pub struct Viewer {
     pub pictures: Pictures,
     pub comparison: Comparison,
     pub inspector: Inspector,
+    pub measures: Measures,
+    pub ruler: Ruler,
     pub timing: Timing,
     pub measuring: Measuring,
     pub film: Film,
@@ -68,13 +72,23 @@ impl Viewer {
             pictures: Pictures::default(),
             comparison: Comparison { mode: setup.compare_mode, ..Comparison::default() },
             inspector: Inspector::new(setup.view_mode),
+            measures: Measures::default(),
+            ruler: Ruler::default(),
             timing: Timing::new(setup.fps, setup.vsync),
             measuring: Measuring::default(),
             film: Film::default(),
             export: Export::default(),
             editing: Editing::default(),
             pointer: Pointer::default(),
-            panels: Panels { are_hidden: setup.hides_panels, shows_help: false, dialog: Dialog::default(), recent },
+            panels: Panels {
+                are_hidden: setup.hides_panels,
+                shows_help: false,
+                dialog: Dialog::default(),
+                is_wide: false,
+                kept: None,
+                keeps: false,
+                recent,
+            },
             setup,
         }
     }
@@ -91,6 +105,11 @@ impl Viewer {
         self.comparison.target != CompareTarget::Nothing || has_numbers || self.panels.shows(Tab::Inside)
     }
 
+    /// True if lines over the picture are told whether they lie behind it.
+    pub fn needs_depths(&self) -> bool {
+        !self.panels.are_hidden && (self.panels.recent.shows_guides || self.panels.shows(Tab::Path))
+    }
+
     /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where
     /// it must be nearer; how much of levels of detail is drawn is no part of a preset.
     pub fn preset(&self, preset: &Options) -> Options {
@@ -99,6 +118,11 @@ impl Viewer {
         let near = if self.setup.near_is_explicit { self.options.rules.near } else { preset.rules.near.min(nearest) };
         let rules = Rules { near, antialiased: self.options.rules.antialiased, ..preset.rules };
         Options { rules, lod_error, lod_psnr, splats, lod_fade, ..*preset }
+    }
+
+    /// The view of the picture that is seen: the current view, unless it has moved since the last drawing.
+    pub fn drawn_view(&self) -> Camera {
+        self.pictures.view.clone().unwrap_or_else(|| self.view.camera())
     }
 
     /// The content of the first picture; `None` if it shows no scene.

@@ -4,6 +4,7 @@ use egui::{Align2, Color32, ColorImage, Grid, RichText, ScrollArea, Stroke, Text
 
 use super::overlay::label;
 use super::quality::progress;
+use super::theme::{MARK, PATH};
 use super::world_painter::WorldPainter;
 use crate::pixels::Pixels;
 use crate::viewer::model::{Evaluation, EvaluationRow, Plan, Purpose, Request, Side, Viewer, WindowRequest};
@@ -21,8 +22,8 @@ const THUMBNAIL: f32 = 220.0;
 pub(super) fn over_picture(viewer: &mut Viewer, world: &WorldPainter, ui: &Ui) {
     let deep = SIZE * viewer.view.navigator.radius();
     let colour = |index: usize| match Some(index) == viewer.pointer.camera {
-        true => Color32::from_rgb(255, 200, 60),
-        false => Color32::from_rgb(120, 200, 255),
+        true => MARK,
+        false => PATH,
     };
     // The frustum of the current camera would only frame the picture.
     for (index, named) in

@@ -5,6 +5,7 @@ use glam::DVec2;
 use indicatif::HumanCount as count;
 
 use super::section;
+use super::theme::MARK;
 use super::world_painter::WorldPainter;
 use crate::render::SelectionMode;
 use crate::viewer::model::{
@@ -29,7 +30,10 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             let field = DragValue::new(&mut viewer.editing.brush_px).range(1.0..=500.0).suffix(" px");
             ui.horizontal(|ui| (ui.label("Radius of the brush"), ui.add(field)));
         }
-        Tool::Place => placing(viewer, ui),
+        Tool::Place => {
+            placed_scene(viewer, ui);
+            ui.weak("The page Inside levels it by three points, and aligns it with another scene by pairs of points.");
+        }
         _ => {}
     }
     ui.checkbox(&mut viewer.editing.only_visible, "Only what is seen").on_hover_text(
@@ -53,7 +57,8 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-fn placing(viewer: &mut Viewer, ui: &mut Ui) {
+/// The scene that the handles, levels and alignments place.
+pub(super) fn placed_scene(viewer: &mut Viewer, ui: &mut Ui) {
     let placed = viewer.placed_layer();
     let name = |number| viewer.scenes.layer(number).map(|layer| layer.name.clone());
     let text = placed.and_then(name).unwrap_or_else(|| "no scene".to_owned());
@@ -65,17 +70,6 @@ fn placing(viewer: &mut Viewer, ui: &mut Ui) {
             }
         });
     });
-    let key = viewer.setup.bindings.text(Action::Mark);
-    let hint = format!("Mark three points of the ground with {key}: the scene is turned until they lie level");
-    let can = viewer.inspector.marks.len() == 3 && placed.is_some();
-    if ui
-        .add_enabled(can, Button::new("Level by three marks"))
-        .on_hover_text(&hint)
-        .on_disabled_hover_text(&hint)
-        .clicked()
-    {
-        viewer.level_by_marks();
-    }
 }
 
 fn selection(viewer: &mut Viewer, ui: &mut Ui) {
@@ -253,7 +247,7 @@ pub(super) fn over_picture(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
     if viewer.panels.are_hidden {
         return;
     }
-    let line = Stroke::new(1.5, Color32::from_rgb(255, 200, 60));
+    let line = Stroke::new(1.5, MARK);
     let painter = super::overlay::painter(ui);
     let points = f64::from(ui.ctx().pixels_per_point());
     let at = |place: DVec2| egui::pos2((place.x / points) as f32, (place.y / points) as f32);

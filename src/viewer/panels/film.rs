@@ -1,55 +1,19 @@
-//! The page Path: keys of the camera path, playing, and writing pictures and films.
+//! The page Path: the list of keys of the camera path, its files, and writing pictures and films.
 
 use std::path::PathBuf;
 
-use egui::{Button, Color32, DragValue, Slider, Stroke, TextEdit, Ui};
+use egui::{DragValue, ScrollArea, Stroke, TextEdit, Ui};
 
+use super::theme::{MARK, PATH};
 use super::world_painter::WorldPainter;
 use crate::camera::Timeline;
-use crate::viewer::model::{Action, Request, Viewer};
+use crate::viewer::model::{Action, KeyChange, Request, Viewer};
+
+/// Greatest height of the list of keys, in points.
+const LIST: f32 = 200.0;
 
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
-    let keys = viewer.film.timeline.keys().len();
-    ui.horizontal_wrapped(|ui| {
-        let hint = format!("The view, after the last key ({})", viewer.setup.bindings.text(Action::AddKey));
-        if ui.button("Add key").on_hover_text(hint).clicked() {
-            viewer.add_key();
-        }
-        let hint = "The view, at the time that is shown: between two keys, or in place of the one that is there";
-        if ui.add_enabled(keys > 0, Button::new("Insert")).on_hover_text(hint).clicked() {
-            viewer.insert_key(viewer.film.now);
-        }
-        let hint = "Ends the path at its first view, and plays it again and again";
-        let is_open = keys > 1 && !viewer.film.timeline.is_closed();
-        if ui.add_enabled(is_open, Button::new("Close")).on_hover_text(hint).clicked() {
-            viewer.close_path();
-        }
-        if ui.button("Turn").on_hover_text("A path once around the pivot, from this view back to it").clicked() {
-            viewer.turn_path();
-        }
-        let field = DragValue::new(&mut viewer.film.step).speed(0.1).range(0.1..=60.0).suffix(" s per key");
-        ui.add(field).on_hover_text("Between the keys that are added");
-    });
-    let end = viewer.film.end();
-    ui.horizontal(|ui| {
-        let film = &mut viewer.film;
-        let text = if film.is_playing { "Stop" } else { "Play" };
-        let hint = viewer.setup.bindings.text(Action::Play);
-        if ui.add_enabled(keys > 1, Button::new(text)).on_hover_text(hint).clicked() {
-            film.toggle();
-        }
-        ui.checkbox(&mut film.repeats, "again and again");
-        if end > 0.0 {
-            ui.label(format!("{keys} keys, {end:.1} s"));
-        }
-    });
-    if end > 0.0 {
-        let mut now = viewer.film.now;
-        if ui.add(Slider::new(&mut now, 0.0..=end).suffix(" s").text("time")).changed() {
-            viewer.show_time(now);
-        }
-    }
-    self::keys(viewer, ui);
+    ScrollArea::vertical().id_salt("keys").max_height(LIST).auto_shrink([false, true]).show(ui, |ui| keys(viewer, ui));
     files(viewer, ui);
     ui.separator();
     export(viewer, ui);
@@ -74,12 +38,12 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
             let mut rests = key.rests;
             let hint = "The motion slows down before this key, stands still, and speeds up after it";
             if ui.checkbox(&mut rests, "rest").on_hover_text(hint).changed() {
-                change = Some(Change::Rest(i, rests));
+                change = Some(KeyChange::Rest(i, rests));
             }
             let buttons = [
-                ("go", "Go to this view", Change::Show(key.seconds)),
-                ("set", "Replace it by the view that is shown", Change::Replace(key.seconds)),
-                ("x", "Remove it", Change::Remove(i)),
+                ("go", "Go to this view", KeyChange::Show(key.seconds)),
+                ("set", "Replace it by the view that is shown", KeyChange::Replace(key.seconds)),
+                ("x", "Remove it", KeyChange::Remove(i)),
             ];
             for (name, hint, wanted) in buttons {
                 if ui.small_button(name).on_hover_text(hint).clicked() {
@@ -93,21 +57,9 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     {
         viewer.messages.note(format!("{problem:#}"));
     }
-    match change {
-        Some(Change::Remove(i)) => drop(viewer.film.timeline.remove(i)),
-        Some(Change::Rest(i, rests)) => viewer.film.timeline.set_rest(i, rests),
-        Some(Change::Show(seconds)) => viewer.show_time(seconds),
-        Some(Change::Replace(seconds)) => viewer.insert_key(seconds),
-        None => {}
+    if let Some(change) = change {
+        viewer.change_key(change);
     }
-}
-
-/// A change of a key, by its index or its time.
-enum Change {
-    Show(f64),
-    Replace(f64),
-    Rest(usize, bool),
-    Remove(usize),
 }
 
 fn files(viewer: &mut Viewer, ui: &mut Ui) {
@@ -178,7 +130,7 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
 /// Draws the path over the picture: its curve, its keys, and the position at the current time.
 pub(super) fn curve(viewer: &Viewer, world: &WorldPainter) {
     let keys = viewer.film.timeline.keys();
-    let [colour, at] = [Color32::from_rgb(120, 200, 255), Color32::from_rgb(255, 200, 60)];
+    let [colour, at] = [PATH, MARK];
     let steps = (CURVE_STEPS * keys.len()).min(LARGEST_CURVE);
     let (begin, end) = (keys.first().map_or(0.0, |key| key.seconds), viewer.film.end());
     let time = |i: usize| begin + (end - begin) * i as f64 / steps.max(1) as f64;

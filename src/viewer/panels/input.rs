@@ -6,10 +6,8 @@ use egui::{Event as Input, Key, Modifiers, Order, PointerButton, Pos2, Rect, Sen
 use glam::{DVec2, DVec3};
 
 use crate::render::SelectionMode;
-use crate::viewer::actions::Program;
 use crate::viewer::model::{
-    Action, Change, Chord, CompareMode, CompareTarget, Comparison, Drag, DragMotion, Request, SaveTarget, Tool, Viewer,
-    WindowRequest, area_between,
+    Action, Chord, CompareMode, CompareTarget, Comparison, Drag, DragMotion, Request, Tool, Viewer, area_between,
 };
 
 /// The factor by which the fast key speeds flying up, and the slow key slows it down.
@@ -27,9 +25,9 @@ const LONGEST_STEP: f64 = 5.0;
 /// Time after the last event of a wheel for which egui smooths its scrolling.
 const SCROLLING: Duration = Duration::from_millis(160);
 
-/// Handles keys, dropped files and motion since the previous frame, `seconds` ago. A motion that continues lasts all of
-/// that time, even if frames are slow.
-pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
+/// Handles dropped files and motion since the previous frame, `seconds` ago. A motion that continues lasts all of that
+/// time, even if frames are slow. Returns the keys and the events of the pointer for [`handle_events`].
+pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) -> Vec<Input> {
     let (was_gliding, was_playing) = (viewer.view.navigator.is_gliding(), viewer.film.is_playing);
     let dropped = ui.input(|input| input.raw.dropped_files.clone());
     for file in &dropped {
@@ -37,7 +35,9 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     }
     // A header or a button with the keyboard focus takes no letters.
     let is_typing = ui.ctx().text_edit_focused();
-    keys(viewer, ui, is_typing);
+    let events = take_events(viewer, ui, is_typing);
+    let can_flicker = !is_typing && viewer.comparison.target != CompareTarget::Nothing;
+    viewer.comparison.is_flicked = can_flicker && held(viewer, ui, Action::Flicker);
     let step = |goes_on: bool| seconds.min(if goes_on { LONGEST_STEP } else { FIRST_STEP });
     viewer.view.is_flying = !is_typing && fly(viewer, ui, step(viewer.view.is_flying));
     let is_gliding = viewer.view.navigator.advance(step(was_gliding));
@@ -58,34 +58,7 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) {
     if !(is_moving || is_pressed || viewer.pointer.drag.is_some()) {
         viewer.record_undo_step();
     }
-}
-
-/// Number of presses of an action's key since the previous frame. With `repeats`, repeats of a held key count, too.
-fn presses(viewer: &Viewer, ui: &Ui, action: Action, repeats: bool) -> usize {
-    let Chord::Key(shortcut) = viewer.setup.bindings.chord(action) else { return 0 };
-    let mut count = 0;
-    let mut is_other = |event: &Input| {
-        let Input::Key { key, modifiers, pressed: true, repeat, .. } = event else { return true };
-        let is_it = *key == shortcut.logical_key && modifiers.matches_logically(shortcut.modifiers);
-        count += usize::from(is_it && (repeats || !repeat));
-        !is_it
-    };
-    ui.input_mut(|input| input.events.retain(&mut is_other));
-    count
-}
-
-/// True if the key of an action was pressed; repeats of a held key do not count.
-fn pressed(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
-    presses(viewer, ui, action, false) > 0
-}
-
-/// As [`pressed`]; while text is typed, only a function key counts, which types nothing.
-fn pressed_in(viewer: &Viewer, ui: &Ui, action: Action, is_typing: bool) -> bool {
-    let is_function_key = match viewer.setup.bindings.chord(action) {
-        Chord::Key(shortcut) => (Key::F1..=Key::F35).contains(&shortcut.logical_key),
-        Chord::LoadedScene(_) => false,
-    };
-    (is_function_key || !is_typing) && pressed(viewer, ui, action)
+    events
 }
 
 /// True while the key of an action is held.
@@ -96,126 +69,59 @@ fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
     })
 }
 
-fn keys(viewer: &mut Viewer, ui: &mut Ui, is_typing: bool) {
-    // Before the action that has the same key without Shift.
-    if pressed_in(viewer, ui, Action::CopyPicture, is_typing) {
-        viewer.requests.push(Request::CopyPicture);
-    }
-    if pressed_in(viewer, ui, Action::Screenshot, is_typing) {
-        viewer.requests.push(Request::WritePicture);
-    }
-    if is_typing {
-        return;
-    }
-    // egui turns the usual clipboard keys into events of their own.
-    let clipboard = ui.input(|input| input.events.clone());
-    for event in clipboard {
-        match event {
-            Input::Copy => viewer.copy_view(),
-            Input::Paste(text) => viewer.paste_view(&text),
-            _ => {}
-        }
-    }
-    (0..presses(viewer, ui, Action::NextCamera, true)).for_each(|_| viewer.step_camera(true));
-    (0..presses(viewer, ui, Action::PreviousCamera, true)).for_each(|_| viewer.step_camera(false));
-    if pressed(viewer, ui, Action::NearestCamera) {
-        viewer.go_to_nearest_camera();
-    }
-    if pressed(viewer, ui, Action::ShowCameras) {
-        viewer.panels.recent.shows_cameras = !viewer.panels.recent.shows_cameras;
-    }
-    if pressed(viewer, ui, Action::FlipUp) {
-        viewer.view.navigator.flip_up();
-        viewer.view.camera_index = None;
-    }
-    if pressed(viewer, ui, Action::Frame) {
-        viewer.frame_scene();
-    }
-    if pressed(viewer, ui, Action::Reset) {
-        viewer.reset_view();
-    }
-    if pressed(viewer, ui, Action::FullScreen) {
-        viewer.requests.push(Request::Window(WindowRequest::ToggleFullScreen));
-    }
-    if pressed(viewer, ui, Action::HidePanels) {
-        viewer.panels.are_hidden = !viewer.panels.are_hidden;
-        // Stages are timed only if the panels show them.
-        viewer.timing.frame_times.clear();
-    }
+/// Takes away the events of keys that have an action, so that a button with the keyboard focus does not answer them,
+/// too. Returns all events since the previous frame that the viewer handles.
+fn take_events(viewer: &Viewer, ui: &Ui, is_typing: bool) -> Vec<Input> {
     // Some keyboards have a key for the question mark, others need Shift and another key.
-    let asks = ui.input(|input| input.events.iter().any(|event| *event == Input::Text("?".to_owned())));
-    if pressed(viewer, ui, Action::Help) || asks {
-        viewer.panels.shows_help = !viewer.panels.shows_help;
-    }
-    if ui.input(|input| input.key_pressed(Key::Escape)) {
-        viewer.panels.shows_help = false;
-        viewer.messages.close_errors();
-        viewer.comparison.area = None;
-        viewer.cancel_stroke();
-        viewer.inspector.marks.clear();
-        viewer.inspector.clear_explanation();
-    }
-    for (tool, action, ..) in Tool::ALL {
-        if pressed(viewer, ui, action) {
-            viewer.use_tool(tool);
+    let has_question = ui.input(|input| input.key_pressed(Key::Questionmark));
+    let mut taken = Vec::new();
+    let mut is_left = |event: &Input| {
+        let is_own = match event {
+            Input::Key { key, modifiers, pressed: true, .. } => {
+                let action = viewer.setup.bindings.action(*key, *modifiers);
+                // While text is typed, only a function key counts, which types nothing.
+                let writes = |action| matches!(action, Action::CopyPicture | Action::Screenshot);
+                let is_function_key = (Key::F1..=Key::F35).contains(key);
+                action.is_some_and(|action| !is_typing || is_function_key && writes(action))
+            }
+            // egui turns the usual clipboard keys into events of their own.
+            Input::Copy | Input::Paste(_) => !is_typing,
+            Input::Text(text) => !is_typing && text == "?" && !has_question,
+            _ => false,
+        };
+        let is_shared = matches!(
+            event,
+            Input::PointerMoved(_)
+                | Input::PointerButton { .. }
+                | Input::PointerGone
+                | Input::WindowFocused(_)
+                | Input::Key { key: Key::Escape, pressed: true, .. }
+        );
+        if is_own || is_shared && !(is_typing && matches!(event, Input::Key { .. })) {
+            taken.push(event.clone());
         }
+        !is_own
+    };
+    ui.input_mut(|input| input.events.retain(&mut is_left));
+    taken
+}
+
+/// Handles a key or a command of the clipboard.
+fn key(viewer: &mut Viewer, ui: &Ui, event: &Input) {
+    match event {
+        Input::Copy => viewer.copy_view(),
+        Input::Paste(text) => viewer.paste_view(text),
+        Input::Text(_) => viewer.act(Action::Help, None),
+        Input::Key { key, modifiers, repeat, .. } => match viewer.setup.bindings.action(*key, *modifiers) {
+            Some(action) if !repeat || action.repeats() => {
+                let pixel = viewer.pointer.position.and_then(|pos| pixel_at(viewer, ui, pos));
+                viewer.act(action, pixel);
+            }
+            None if *key == Key::Escape => viewer.escape(),
+            _ => {}
+        },
+        _ => {}
     }
-    // A stroke is undone once it has ended.
-    let has_stroke = viewer.pointer.stroke.is_some();
-    (0..presses(viewer, ui, Action::Undo, true)).filter(|_| !has_stroke).for_each(|_| viewer.undo(false));
-    (0..presses(viewer, ui, Action::Redo, true)).filter(|_| !has_stroke).for_each(|_| viewer.undo(true));
-    for (action, change) in [
-        // Before the action that has the same key without Shift.
-        (Action::ShowHidden, Change::ShowHidden),
-        (Action::Hide, Change::Hide),
-        (Action::Delete, Change::Delete),
-        (Action::SelectAll, Change::SelectAll),
-        (Action::SelectNone, Change::SelectNone),
-        (Action::Invert, Change::Invert),
-    ] {
-        if viewer.is_editing() && pressed(viewer, ui, action) && viewer.pointer.stroke.is_none() {
-            viewer.change(change);
-        }
-    }
-    if pressed(viewer, ui, Action::Save) {
-        viewer.panels.dialog.save_file(SaveTarget::Project);
-    }
-    if pressed(viewer, ui, Action::OpenFile) {
-        viewer.panels.dialog.open_files();
-    }
-    if pressed(viewer, ui, Action::CopyCommand) {
-        viewer.copy_command(Program::Render);
-    }
-    if pressed(viewer, ui, Action::CopyView) {
-        viewer.copy_view();
-    }
-    if pressed(viewer, ui, Action::FreezeCulling) {
-        viewer.toggle_frozen_culling();
-    }
-    if pressed(viewer, ui, Action::Pick)
-        && let Some(pixel) = pixel_under_cursor(viewer, ui)
-    {
-        viewer.requests.push(Request::Pick(pixel));
-    }
-    if pressed(viewer, ui, Action::Mark)
-        && let Some(pixel) = pixel_under_cursor(viewer, ui)
-    {
-        viewer.requests.push(Request::Mark(pixel));
-    }
-    if pressed(viewer, ui, Action::AddKey) {
-        viewer.add_key();
-    }
-    if pressed(viewer, ui, Action::Play) {
-        viewer.film.toggle();
-    }
-    let is_paged = viewer.scenes.are_paged();
-    (0..presses(viewer, ui, Action::NextLook, true)).for_each(|_| viewer.inspector.settings.step(true, is_paged));
-    (0..presses(viewer, ui, Action::PreviousLook, true)).for_each(|_| viewer.inspector.settings.step(false, is_paged));
-    if pressed(viewer, ui, Action::Quit) {
-        viewer.requests.push(Request::Window(WindowRequest::Quit));
-    }
-    let can_flicker = viewer.comparison.target != CompareTarget::Nothing;
-    viewer.comparison.is_flicked = can_flicker && held(viewer, ui, Action::Flicker);
 }
 
 /// Flies while keys are held; returns true if the view moves.
@@ -237,15 +143,17 @@ fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
     true
 }
 
-/// Handles the mouse over the picture. Moves and clicks are handled event by event, in their order, so that a drag
-/// loses no event between two frames.
-pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
-    let rect = ui.available_rect_before_wrap();
+/// Handles keys, and the mouse over the picture. Events are handled one by one, in their order, so that a drag loses
+/// none between two frames, and slow frames do what fast ones do.
+pub fn handle_events(viewer: &mut Viewer, ui: &mut Ui, rect: Rect, events: Vec<Input>) {
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
     let size = viewer.view.size;
     let before = viewer.view.navigator.camera(size);
     let mut has_stroke = false;
-    for event in ui.input(|input| input.events.clone()) {
+    for event in events {
+        if let Input::PointerMoved(pos) | Input::PointerButton { pos, .. } = event {
+            viewer.pointer.position = Some(pos);
+        }
         match event {
             Input::PointerButton { pos, button, pressed: true, modifiers } if viewer.pointer.drag.is_none() => {
                 viewer.pointer.drag = drag_at(viewer, ui, (rect, pos), button, modifiers);
@@ -264,7 +172,8 @@ pub fn mouse(viewer: &mut Viewer, ui: &mut Ui) {
                 has_stroke = false;
             }
             Input::WindowFocused(false) => viewer.cancel_stroke(),
-            _ => {}
+            Input::PointerGone => viewer.pointer.position = None,
+            event => key(viewer, ui, &event),
         }
     }
     if has_stroke {

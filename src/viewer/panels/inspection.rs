@@ -1,7 +1,9 @@
 //! The page Inside: view modes, frozen culling, and the explanation of a pixel.
 
-use egui::{Color32, ComboBox, Context, DragValue, Grid, ScrollArea, Stroke, Ui, Window};
+use egui::{Color32, ComboBox, Context, DragValue, Panel, Pos2, Rect, ScrollArea, Stroke, Ui, Window, pos2, vec2};
+use egui_phosphor::regular as icons;
 
+use super::theme::MARK;
 use super::world_painter::WorldPainter;
 use crate::pixels::to_byte;
 use crate::render::{Explained, false_colour};
@@ -42,8 +44,6 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     }
     let key = viewer.setup.bindings.text(Action::Pick);
     ui.label(format!("{key} explains the pixel under the cursor."));
-    let key = viewer.setup.bindings.text(Action::Mark);
-    ui.label(format!("{key} marks the point under the cursor; lines show how far marks are apart."));
     if let (Some(first), Some(index)) = (&pair.first, viewer.inspector.settings.isolated) {
         let i = index as usize;
         if let Some(gaussians) = first.gaussians.as_ref().filter(|gaussians| i < gaussians.len()) {
@@ -78,70 +78,121 @@ fn mark(context: &Context, at: egui::Pos2) {
     }
 }
 
-/// The window that explains a pixel: its splats front to back, each of which can be isolated.
-pub(super) fn explanation(viewer: &mut Viewer, pair: &Pair, context: &Context) {
-    let Some(ExplainedPixel { pixel, side, view, explanation }) = &viewer.inspector.explanation else { return };
-    let mut is_open = true;
-    let mut chosen = None;
-    let is_moved = *view != viewer.view.camera();
+/// Marks the explained pixel, and explains it in a window beside it while the panels are hidden.
+pub(super) fn over_picture(viewer: &mut Viewer, pair: &Pair, free: Rect, context: &Context) {
+    let Some(ExplainedPixel { pixel, view, .. }) = &viewer.inspector.explanation else { return };
     let points = context.pixels_per_point();
-    let at = egui::pos2(pixel[0] as f32 + 0.5, pixel[1] as f32 + 0.5) / points;
-    if !is_moved {
+    let at = pos2(pixel[0] as f32 + 0.5, pixel[1] as f32 + 0.5) / points;
+    if *view == viewer.view.camera() {
         mark(context, at);
     }
-    // The window opens beside the pixel.
-    let width = viewer.view.size[0] as f32 / points;
-    let beside = if at.x < width / 2.0 { width / 2.0 } else { 12.0 };
+    if !viewer.panels.are_hidden {
+        return;
+    }
+    let place = beside(free, at);
+    let window = Window::new("explanation").title_bar(false).resizable(false).fixed_rect(place.shrink(12.0));
+    window.show(context, |ui| explanation(viewer, pair, ui));
+}
+
+/// The largest part of a rectangle at one side of a position in it.
+fn beside(free: Rect, at: Pos2) -> Rect {
+    let sides = [
+        Rect::from_min_max(free.min, pos2(at.x, free.bottom())),
+        Rect::from_min_max(pos2(at.x, free.top()), free.max),
+        Rect::from_min_max(free.min, pos2(free.right(), at.y)),
+        Rect::from_min_max(pos2(free.left(), at.y), free.max),
+    ];
+    // A table is wider than high.
+    let fits = |side: &Rect| side.width().min(WIDTH) * side.height().min(HEIGHT);
+    let largest = sides.into_iter().max_by(|a, b| fits(a).total_cmp(&fits(b))).unwrap_or(free);
+    let size = vec2(WIDTH, HEIGHT).min(largest.size());
+    // As far from the position as possible.
+    let corner = largest.center() - at;
+    let left = if corner.x < 0.0 { largest.left() } else { largest.right() - size.x };
+    let top = if corner.y < 0.0 { largest.top() } else { largest.bottom() - size.y };
+    Rect::from_min_size(pos2(left, top), size)
+}
+
+/// Explains a pixel above the page of the panel.
+pub(super) fn docked(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
+    if viewer.inspector.explanation.is_none() {
+        return;
+    }
+    let height = ui.available_height();
+    let panel = Panel::top("explanation").resizable(true).default_size(0.45 * height);
+    panel.size_range(80f32.min(0.5 * height)..=0.8 * height).show(ui, |ui| explanation(viewer, pair, ui));
+}
+
+/// The splats of the explained pixel front to back, each of which can be isolated.
+fn explanation(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
+    let Some(ExplainedPixel { pixel, side, view, explanation }) = &viewer.inspector.explanation else { return };
+    let (mut chosen, mut is_closed) = (None, false);
+    let is_moved = *view != viewer.view.camera();
     let [r, g, b] = explanation.colour(viewer.view.background);
     let of = if *side == Side::Second { " of the second picture" } else { "" };
-    let window = Window::new(format!("Pixel {}, {}{of}", pixel[0], pixel[1])).open(&mut is_open);
-    window.default_size([460.0, 320.0]).default_pos([beside, 24.0]).show(context, |ui| {
-        if is_moved {
-            ui.label("The view has moved since: these numbers are of the pixel as it was.");
+    ui.horizontal(|ui| {
+        ui.strong(format!("Pixel {}, {}{of}", pixel[0], pixel[1]));
+        is_closed = ui.small_button(icons::X).on_hover_text("close (Esc)").clicked();
+    });
+    if is_moved {
+        ui.label("The view has moved since: these numbers are of the pixel as it was.");
+    }
+    let end = if explanation.is_stopped { "stopped before the end of the list" } else { "to the end of the list" };
+    let depth = explanation.depth().map_or_else(|| "nothing".to_owned(), |z| format!("{z:.4}"));
+    ui.label(format!(
+        "{} splats blended, {end}; transmittance left {:.5}\ncolour {r:.4} {g:.4} {b:.4}, depth {depth}",
+        explanation.splats.len(),
+        explanation.transmittance
+    ));
+    if *side == Side::First {
+        ui.label("Click a Gaussian to draw only it; Esc draws all.");
+    }
+    ui.spacing_mut().item_spacing.x = 4.0;
+    ui.horizontal(|ui| {
+        for (title, width) in COLUMNS {
+            ui.add_sized([width, 14.0], egui::Label::new(title));
         }
-        let end = if explanation.is_stopped { "stopped before the end of the list" } else { "to the end of the list" };
-        let depth = explanation.depth().map_or_else(|| "nothing".to_owned(), |z| format!("{z:.4}"));
-        ui.label(format!(
-            "{} splats blended, {end}; transmittance left {:.5}\ncolour {r:.4} {g:.4} {b:.4}, depth {depth}",
-            explanation.splats.len(),
-            explanation.transmittance
-        ));
-        if *side == Side::First {
-            ui.label("Click a Gaussian to draw only it; Esc draws all.");
-        }
-        ui.horizontal(|ui| {
-            for title in ["Gaussian", "depth", "alpha", "T before", "share", "colour"] {
-                ui.add_sized([62.0, 14.0], egui::Label::new(title));
-            }
-        });
-        let rows = explanation.splats.len();
-        ScrollArea::vertical().auto_shrink([false, false]).max_height(360.0).show_rows(ui, 18.0, rows, |ui, rows| {
-            Grid::new("splats").num_columns(6).min_col_width(62.0).striped(true).show(ui, |ui| {
-                for Explained { gaussian, depth, alpha, transmittance, colour, share } in &explanation.splats[rows] {
-                    let is_alone = *side == Side::First && viewer.inspector.settings.isolated == Some(*gaussian);
-                    let name = egui::Button::selectable(is_alone, gaussian.to_string());
-                    // Only Gaussians of the first picture can be drawn alone.
-                    if ui.add_enabled(*side == Side::First, name).clicked() {
-                        chosen = Some((!is_alone).then_some(*gaussian));
-                    }
-                    ui.monospace(format!("{depth:.4}"));
-                    ui.monospace(format!("{alpha:.4}"));
-                    ui.monospace(format!("{transmittance:.4}"));
-                    ui.monospace(format!("{share:.4}"));
-                    let [r, g, b] = colour.map(to_byte);
-                    super::gpu_time::swatch(ui, Color32::from_rgb(r, g, b)).on_hover_text(format!("{colour:.4?}"));
-                    ui.end_row();
+    });
+    let rows = explanation.splats.len();
+    ScrollArea::vertical().auto_shrink([false, false]).show_rows(ui, 18.0, rows, |ui, rows| {
+        for Explained { gaussian, depth, alpha, transmittance, colour, share } in &explanation.splats[rows] {
+            ui.horizontal(|ui| {
+                let is_alone = *side == Side::First && viewer.inspector.settings.isolated == Some(*gaussian);
+                let name = egui::Button::selectable(is_alone, gaussian.to_string());
+                // Only Gaussians of the first picture can be drawn alone.
+                let row = ui.add_enabled_ui(*side == Side::First, |ui| ui.add_sized([COLUMNS[0].1, 18.0], name));
+                if row.inner.clicked() {
+                    chosen = Some((!is_alone).then_some(*gaussian));
                 }
+                let numbers = [format!("{depth:.3}"), short(*alpha), short(*transmittance), short(*share)];
+                for (number, (_, width)) in numbers.into_iter().zip(&COLUMNS[1..]) {
+                    ui.add_sized([*width, 18.0], egui::Label::new(egui::RichText::new(number).monospace()));
+                }
+                let [r, g, b] = colour.map(to_byte);
+                super::gpu_time::swatch(ui, Color32::from_rgb(r, g, b)).on_hover_text(format!("{colour:.4?}"));
             });
-        });
+        }
     });
     if let Some(isolated) = chosen {
         viewer.inspector.settings.isolated = isolated.filter(|_| pair.first.is_some());
     }
-    if !is_open {
+    if is_closed {
         viewer.inspector.explanation = None;
     }
 }
+
+/// A number between 0 and 1 with four decimals.
+fn short(value: f32) -> String {
+    format!("{value:.4}")
+}
+
+/// The columns of the table of splats: titles, and widths in points.
+const COLUMNS: [(&str, f32); 6] =
+    [("Gaussian", 64.0), ("depth", 58.0), ("alpha", 46.0), ("T before", 52.0), ("share", 46.0), ("", 18.0)];
+
+/// Largest size of the window that explains a pixel, in points.
+const WIDTH: f32 = 380.0;
+const HEIGHT: f32 = 340.0;
 
 /// Draws the frustum at which culling is frozen, if the view has left it.
 pub(super) fn frustum(viewer: &Viewer, world: &WorldPainter) {
@@ -150,5 +201,26 @@ pub(super) fn frustum(viewer: &Viewer, world: &WorldPainter) {
         return;
     };
     let deep = from.position.distance(viewer.view.navigator.pivot()).max(1e-6);
-    world.frustum(from, deep, Stroke::new(1.5, Color32::from_rgb(255, 200, 60)));
+    world.frustum(from, deep, Stroke::new(1.5, MARK));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The window leaves the pixel that it explains free, whatever the picture and the pixel.
+    #[test]
+    fn the_window_lies_beside_its_pixel() {
+        for size in
+            [vec2(320.0, 240.0), vec2(560.0, 560.0), vec2(900.0, 560.0), vec2(300.0, 900.0), vec2(1920.0, 1080.0)]
+        {
+            let free = Rect::from_min_size(Pos2::ZERO, size);
+            for (x, y) in (1..20).flat_map(|x| (1..20).map(move |y| (x, y))) {
+                let at = pos2(size.x * x as f32 / 20.0, size.y * y as f32 / 20.0);
+                let place = beside(free, at);
+                assert!(!place.shrink(12.0).contains(at) && free.contains_rect(place), "{size}: {at} in {place}");
+                assert!(place.width() >= 150.0 && place.height() >= 120.0, "{size}: {place}");
+            }
+        }
+    }
 }

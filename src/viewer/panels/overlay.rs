@@ -1,6 +1,9 @@
 //! Labels over the picture: names of two pictures, progress, messages, the start page, and the hint for dropped files.
 
-use egui::{Align2, Area, Color32, Context, FontId, Frame, LayerId, Painter, Pos2, Rect, RichText, Stroke, Ui, Vec2};
+use egui::{
+    Align2, Area, Color32, Context, FontId, Frame, LayerId, Painter, Panel, Pos2, Rect, RichText, ScrollArea, Stroke,
+    Ui, Vec2,
+};
 use indicatif::HumanCount;
 
 use crate::viewer::model::{Action, CompareMode, CompareTarget, LoadedScene, Pair, Side, Viewer};
@@ -33,7 +36,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, free: Rect, ui: &Ui) {
         label(&painter(ui), place, text);
     }
     refusal(viewer, pair, free, ui.ctx());
-    messages(viewer, ui.ctx());
+    messages(viewer, free, ui.ctx());
     drop_hint(free, ui.ctx());
 }
 
@@ -142,31 +145,52 @@ fn drop_hint(free: Rect, context: &Context) {
     label(&painter, (free.center(), Align2::CENTER_CENTER), text.to_owned());
 }
 
-/// The messages, in the lower left corner.
-fn messages(viewer: &mut Viewer, context: &Context) {
-    let mut closed = None;
-    let errors = viewer.messages.shown().iter().filter(|message| message.is_error).count();
-    let area = Area::new(MESSAGES.into()).anchor(Align2::LEFT_BOTTOM, [12.0, -12.0]);
+/// The messages over the picture, in the lower left corner: errors have a place in the panel, if that is shown.
+fn messages(viewer: &mut Viewer, free: Rect, context: &Context) {
+    let shows_errors = viewer.panels.are_hidden;
+    let shown = viewer.messages.shown().iter();
+    let has_errors = shows_errors && shown.into_iter().any(|message| message.is_error);
+    let corner = free.left_bottom() + Vec2::new(12.0, -12.0);
+    let area = Area::new(MESSAGES.into()).pivot(Align2::LEFT_BOTTOM).fixed_pos(corner);
     // Notes go by themselves, and a click on one is meant for the picture below. Messages lie over the start page.
-    let area = area.interactable(errors > 0).order(egui::Order::Foreground);
+    let area = area.interactable(has_errors).order(egui::Order::Foreground);
     // Without this, egui would draw the first message of a session nearly transparent, until the next layout.
     area.fade_in(false).show(context, |ui| {
-        ui.set_max_width(560f32.min(context.content_rect().width() - 40.0));
-        for (index, message) in viewer.messages.shown().iter().enumerate() {
-            let colour = if message.is_error { ui.visuals().error_fg_color } else { ui.visuals().strong_text_color() };
-            Frame::popup(ui.style()).show(ui, |ui| {
-                ui.horizontal_top(|ui| {
-                    if message.is_error && ui.small_button("x").on_hover_text("close").clicked() {
-                        closed = Some(index);
-                    }
-                    ui.add(egui::Label::new(RichText::new(&message.text).color(colour)).wrap());
-                });
-            });
-        }
-        if errors > 1 && ui.button("Close all (Esc)").clicked() {
-            viewer.messages.close_errors();
-        }
+        ui.set_max_width(560f32.min(free.width() - 40.0));
+        list(viewer, ui, |is_error| !is_error || shows_errors);
     });
+}
+
+/// The errors, at the lower edge of the panel.
+pub(super) fn docked_errors(viewer: &mut Viewer, ui: &mut Ui) {
+    if !viewer.messages.shown().iter().any(|message| message.is_error) {
+        return;
+    }
+    let most = 0.5 * ui.available_height();
+    Panel::bottom("errors").resizable(false).show(ui, |ui| {
+        ScrollArea::vertical().max_height(most).show(ui, |ui| list(viewer, ui, |is_error| is_error));
+    });
+}
+
+/// Lists messages. Errors can be closed.
+fn list(viewer: &mut Viewer, ui: &mut Ui, is_listed: impl Fn(bool) -> bool) {
+    let mut closed = None;
+    let mut errors = 0;
+    for (index, message) in viewer.messages.shown().iter().enumerate().filter(|(_, one)| is_listed(one.is_error)) {
+        let colour = if message.is_error { ui.visuals().error_fg_color } else { ui.visuals().strong_text_color() };
+        errors += usize::from(message.is_error);
+        Frame::popup(ui.style()).show(ui, |ui| {
+            ui.horizontal_top(|ui| {
+                if message.is_error && ui.small_button("x").on_hover_text("close").clicked() {
+                    closed = Some(index);
+                }
+                ui.add(egui::Label::new(RichText::new(&message.text).color(colour)).wrap());
+            });
+        });
+    }
+    if errors > 1 && ui.button("Close all (Esc)").clicked() {
+        viewer.messages.close_errors();
+    }
     if let Some(index) = closed {
         viewer.messages.close(index);
     }

@@ -9,7 +9,7 @@ use crate::viewer::model::{Measurement, Pair, Purpose, RateControl, Request, Vie
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
-    let is_paged = viewer.scenes.are_paged();
+    let has_levels = viewer.scenes.have_levels();
     let (costs, content) = viewer.measuring.costs.clone().unzip();
     let mismatch = content.flatten().and_then(|content| content.difference(&viewer.picture_content()?));
     let cost = |knob: &str| costs.as_ref().and_then(|costs| costs.knobs.iter().find(|cost| cost.knob == knob));
@@ -44,7 +44,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
             ui.end_row();
         };
         // The near plane is in the view panel.
-        for knob in KNOBS.iter().filter(|knob| knob.name != "near" && (is_paged || !knob.is_of_levels())) {
+        for knob in KNOBS.iter().filter(|knob| knob.name != "near" && (has_levels || !knob.is_of_levels())) {
             let help = format!("{}\n\n--{}", knob.help, knob.name);
             row(knob.name, &help, &mut |ui, options| edit(ui, knob, options));
         }

@@ -1,10 +1,9 @@
-//! Numbers over the picture: values of the pixel under the cursor, the scale of the view mode, and marks.
+//! Numbers over the picture: values of the pixel under the cursor, and the scale of the view mode.
 
 use egui::{Align2, Color32, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 use glam::{DVec2, DVec3};
 
 use super::overlay::{MARGIN, label, painter};
-use super::world_painter::WorldPainter;
 use crate::pixels::{Pixels, to_byte};
 use crate::render::{Attribute, Look, Quantity, false_colour};
 use crate::viewer::model::{Area, CompareTarget, Numbers, Pair, Viewer};
@@ -99,20 +98,6 @@ fn short(value: f32) -> String {
     let digits = 3 - (value.abs().max(1e-6).log10().floor() as i32);
     let text = format!("{value:.*}", digits.clamp(0, 6) as usize);
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-}
-
-/// The marks, and the distances between them.
-pub(super) fn marks(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
-    let colour = Color32::from_rgb(255, 200, 60);
-    viewer.inspector.marks.iter().for_each(|mark| world.dot(*mark, 3.0, colour, ""));
-    for ends in viewer.inspector.marks.windows(2) {
-        let (from, to) = (ends[0], ends[1]);
-        world.line([from, to], Stroke::new(1.5, colour));
-        if let (Some(a), Some(b)) = (world.position(from), world.position(to)) {
-            let middle = a + (b - a) / 2.0;
-            label(&painter(ui), (middle, Align2::CENTER_CENTER), format!("{:.4}", from.distance(to)));
-        }
-    }
 }
 
 /// The area of the pictures that is compared, and what a photograph covers of the view.

@@ -6,7 +6,7 @@ use egui::{DragValue, Ui};
 use indicatif::HumanCount as count;
 
 use crate::render::{Path, Residency};
-use crate::viewer::model::{Action, Appearance, Layer, Pair, Viewer};
+use crate::viewer::model::{Action, Appearance, Layer, LoadedScene, Pair, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     let mut request = None;
@@ -121,6 +121,17 @@ fn show_layer(layer: &mut Layer, ui: &mut Ui) -> Option<RowRequest> {
         ui.add(egui::ProgressBar::new(fraction as f32).show_percentage());
         return request;
     }
+    if let Some((file, places)) = &layer.places {
+        let mut is_once = false;
+        ui.horizontal(|ui| {
+            let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy();
+            ui.label(format!("at {} places of {name}", count(places.all().len() as u64)));
+            is_once = ui.small_button("x").on_hover_text("draw it once").clicked();
+        });
+        if is_once {
+            layer.places = None;
+        }
+    }
     ui.collapsing("Placement", |ui| {
         let placement = &mut layer.placement;
         egui::Grid::new("place").show(ui, |ui| {
@@ -139,6 +150,10 @@ fn show_layer(layer: &mut Layer, ui: &mut Ui) -> Option<RowRequest> {
             ui.end_row();
         });
     });
+    // Pages of a file are drawn as they are.
+    if matches!(layer.scene, Some(LoadedScene::Paged(_))) {
+        return request;
+    }
     ui.collapsing("Colours and opacity", |ui| {
         let appearance = &mut layer.appearance;
         egui::Grid::new("appearance").show(ui, |ui| {

@@ -5,6 +5,10 @@ use egui::{Color32, Context, FontDefinitions, Theme};
 /// The grey of hints: at least 4.5 times as light as its ground, or as dark (contrast of WCAG 2.2).
 const HINTS: [(Theme, u8); 2] = [(Theme::Dark, 136), (Theme::Light, 106)];
 
+/// The colour of marks, of strokes and of the current time over the picture, and that of camera paths.
+pub(super) const MARK: Color32 = Color32::from_rgb(255, 200, 60);
+pub(super) const PATH: Color32 = Color32::from_rgb(120, 200, 255);
+
 /// Makes hints as legible as WCAG asks for, and adds the font of icons.
 pub(crate) fn set(context: &Context) {
     let mut fonts = FontDefinitions::default();

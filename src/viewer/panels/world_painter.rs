@@ -1,14 +1,20 @@
 //! Lines and points in world space, drawn over the picture.
 
+use std::sync::Arc;
+
 use egui::{Color32, FontId, Painter, Pos2, Stroke, Ui, vec2};
 use glam::{DVec2, DVec3};
 
 use super::overlay::painter;
 use crate::camera::Camera;
-use crate::viewer::model::Viewer;
+use crate::viewer::model::{Depths, Viewer};
 
 /// Parts of a segment that is drawn as a curve.
 const PARTS: u32 = 12;
+
+/// Parts of a segment that may be hidden by the picture, and the opacity of hidden ones.
+const SEEN_PARTS: u32 = 96;
+const HIDDEN: f32 = 0.25;
 
 /// Draws lines and points in world space over the picture.
 pub(super) struct WorldPainter {
@@ -16,15 +22,31 @@ pub(super) struct WorldPainter {
     painter: Painter,
     /// Pixels per point of the window.
     points: f64,
+    /// The depths of the picture, if lines behind it are drawn faintly.
+    depths: Option<Arc<Depths>>,
 }
 
 impl WorldPainter {
     pub fn new(viewer: &Viewer, ui: &Ui) -> Self {
-        Self { view: viewer.view.camera(), painter: painter(ui), points: f64::from(ui.ctx().pixels_per_point()) }
+        Self {
+            view: viewer.view.camera(),
+            painter: painter(ui),
+            points: f64::from(ui.ctx().pixels_per_point()),
+            depths: None,
+        }
+    }
+
+    /// The same painter, which draws faintly what lies behind the picture. Depths of another view are not used.
+    pub fn behind(mut self, depths: Option<&Arc<Depths>>) -> Self {
+        self.depths = depths.filter(|depths| depths.view == self.view).cloned();
+        self
     }
 
     /// A segment, clipped to the half-space in front of a pinhole; through a lens, a curve.
     pub fn line(&self, [a, b]: [DVec3; 2], stroke: Stroke) {
+        if let Some(depths) = &self.depths {
+            return self.parts([a, b], stroke, depths);
+        }
         if self.view.lens.is_some() {
             return self.curve((0..=PARTS).map(|i| a.lerp(b, f64::from(i) / f64::from(PARTS))), stroke);
         }
@@ -39,6 +61,42 @@ impl WorldPainter {
         if let (Some(a), Some(b)) = (self.position(cut(a, a_z, b, b_z)), self.position(cut(b, b_z, a, a_z))) {
             self.painter.line_segment([a, b], stroke);
         }
+    }
+
+    /// A segment in short parts, of which those behind the picture are drawn faintly.
+    fn parts(&self, [a, b]: [DVec3; 2], stroke: Stroke, depths: &Depths) {
+        let faint = Stroke::new(stroke.width, stroke.color.gamma_multiply(HIDDEN));
+        let seen = (0..=SEEN_PARTS).map(|i| a.lerp(b, f64::from(i) / f64::from(SEEN_PARTS)));
+        let seen: Vec<Option<(DVec2, f64)>> = seen.map(|place| self.view.projected(place)).collect();
+        let farthest = f64::from(self.view.size_px[0]) / 2.0;
+        // Neighbouring parts of one kind are one line.
+        let mut way: Vec<Pos2> = Vec::new();
+        let mut is_hidden = false;
+        let position = |pixel: DVec2| Pos2::new((pixel.x / self.points) as f32, (pixel.y / self.points) as f32);
+        let draw = |way: &mut Vec<Pos2>, is_hidden: bool| {
+            if way.len() > 1 {
+                self.painter.line(std::mem::take(way), if is_hidden { faint } else { stroke });
+            }
+            way.clear();
+        };
+        for pair in seen.windows(2) {
+            let [Some((a, a_depth)), Some((b, b_depth))] = *pair else {
+                draw(&mut way, is_hidden);
+                continue;
+            };
+            if a.distance(b) > farthest {
+                draw(&mut way, is_hidden);
+                continue;
+            }
+            let hides = depths.hides((a + b) / 2.0, (a_depth + b_depth) / 2.0);
+            if way.is_empty() || hides != is_hidden {
+                draw(&mut way, is_hidden);
+                way.push(position(a));
+                is_hidden = hides;
+            }
+            way.push(position(b));
+        }
+        draw(&mut way, is_hidden);
     }
 
     /// The curve through points of the world, without the parts that leave the picture on one side and come back on

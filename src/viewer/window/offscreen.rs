@@ -35,6 +35,8 @@ pub struct Summary {
     /// Set if the scene is read page by page.
     pub pages: Option<PageCounts>,
     pub first_frame_ms: f64,
+    /// Processor time of the layouts of the panels in milliseconds, if there were any.
+    pub layout_ms: Option<Statistics>,
     /// Mean milliseconds from an input to the submission of the picture that answers it.
     pub latency_ms: f64,
     /// The pixels of the last frame, row by row: red, green, blue and alpha.
@@ -128,7 +130,7 @@ fn draw(offscreen: &mut Offscreen, frames: u32, path: Vec<NamedCamera>) -> Resul
         offscreen.viewer().go_to_camera(0, true);
         offscreen.settle()?;
     }
-    let (mut intervals, mut missing, mut late) = (Vec::new(), Vec::new(), 0);
+    let (mut intervals, mut layouts, mut missing, mut late) = (Vec::new(), Vec::new(), Vec::new(), 0);
     let mut due = Instant::now();
     for frame in 0..frames {
         let begun = Instant::now();
@@ -139,7 +141,10 @@ fn draw(offscreen: &mut Offscreen, frames: u32, path: Vec<NamedCamera>) -> Resul
             viewer.go_to_camera(frame as usize % viewer.cameras.list.len(), true);
         }
         viewer.pictures.are_stale = true;
-        offscreen.frame(vec![egui::Event::PointerMoved(egui::pos2(frame as f32 % 100.0, 50.0))])?;
+        let moved = egui::Event::PointerMoved(egui::pos2(frame as f32 % 100.0, 50.0));
+        if offscreen.frame(vec![moved])?.platform.is_some() {
+            layouts.push(offscreen.viewer().timing.layout_ms);
+        }
         if is_paced {
             due += Duration::from_secs_f64(1.0 / PATH_FPS);
             late += u32::from(due < Instant::now());
@@ -167,6 +172,7 @@ fn draw(offscreen: &mut Offscreen, frames: u32, path: Vec<NamedCamera>) -> Resul
         gpu: viewer.timing.frame_times.digest_now(),
         pages,
         first_frame_ms,
+        layout_ms: (!layouts.is_empty()).then(|| Statistics::of(layouts)),
         latency_ms: viewer.timing.pace.mean_latency_ms,
         screen,
     })
