@@ -42,7 +42,7 @@ fn place(offscreen: &mut Offscreen) {
 #[test]
 fn streamed_scenes_and_others_share_a_window() {
     let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
-    let names = ["cactus:9000", "few-large:300", "cactus:9000", "few-large:20"];
+    let names = ["cactus:9000", "few-large:300", "cactus:9000", "cactus:6000"];
     let files = names[..3].iter().map(|name| with_levels(folder.path(), name)).collect::<Vec<_>>();
     let scenes = [files[0].as_str(), files[1].as_str(), files[2].as_str(), names[3]];
     let mut paged = open(&gpu, exact(&scenes));
@@ -52,6 +52,7 @@ fn streamed_scenes_and_others_share_a_window() {
     for offscreen in [&mut paged, &mut whole] {
         offscreen.viewer().view.snap(&view);
         offscreen.viewer().scenes.layers[2].placement.translation = [-1.5, 0.0, 0.4];
+        offscreen.viewer().scenes.layers[3].placement.translation = [1.6, 0.2, 0.9];
         offscreen.settle().unwrap();
     }
     let residency = paged.session.residency().unwrap();
@@ -69,7 +70,7 @@ fn streamed_scenes_and_others_share_a_window() {
     paged.settle().unwrap();
     let totals = paged.session.pair.first.as_ref().unwrap().frame.totals;
     let apart = max_error(&shown(&mut paged), &fine);
-    assert!(apart > 0.05 && totals.visible < 4000, "{apart}, {} visible", totals.visible);
+    assert!(apart > 0.05 && (5000..9000).contains(&totals.visible), "{apart}, {} visible", totals.visible);
     assert_eq!(gpu.0.validation_messages(), Vec::<String>::new());
 }
 
@@ -107,6 +108,7 @@ fn a_scene_is_drawn_at_places() {
     assert!(max_error(&shown(&mut placed), &shown(&mut copies)) > 0.1);
     placed.viewer().scenes.layers[0].places = None;
     copies.viewer().scenes.layers[1].is_shown[0] = false;
+    placed.viewer().messages = Default::default();
     placed.viewer().pictures.are_stale = true;
     placed.settle().unwrap();
     copies.settle().unwrap();

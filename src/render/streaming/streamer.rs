@@ -16,9 +16,10 @@ use super::prefetch::{CameraMotion, MotionClock};
 use super::schedule::{LoadSchedule, ResidencySnapshot};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, InFlight, Readback, Results};
+use crate::host_memory::OutOfMemory;
 use crate::lod::CODES_PER_OCTAVE;
 use crate::options::Options;
-use crate::pagefile::{PageLod, Pages};
+use crate::pagefile::{NO_PAGE, PageLod, Pages};
 use crate::render::lod::{LodSelector, SelectionParams};
 use crate::render::scene::{GpuScene, LoadedPage, PageCache, Paged};
 use crate::render::shaders::SelectionState;
@@ -29,6 +30,8 @@ pub struct PageStreamer {
     paged: Paged,
     pages: Pages,
     hierarchy: Arc<PageHierarchy>,
+    /// The pages that are always resident.
+    pinned: Vec<u32>,
     /// Generation of the page cache for which the fallback limits were last uploaded.
     uploaded_generation: Option<u64>,
     /// The last upload of fallback limits.
@@ -110,7 +113,7 @@ impl Residency {
 
 /// Largest number of requests of a frame.
 const MAX_REQUESTS: usize = 8192;
-/// Number of pinned pages: the last pages of a file, which are the coarsest.
+/// Least number of pinned pages: the last pages of a file, which are the coarsest.
 const PINNED_PAGES: usize = 64;
 /// Largest number of pages that are loading or wait for their insertion.
 const MAX_LOADING: usize = 512;
@@ -136,7 +139,7 @@ impl PageStreamer {
     pub fn new(device: &Device, paged: &Paged, selector: &mut LodSelector, has_fading: bool) -> Result<Self> {
         let mut cache = paged.cache();
         let pages = cache.pages().clone();
-        let pinned: Vec<u32> = pinned_pages(&cache).collect();
+        let pinned = pinned_pages(&cache)?;
         cache.load(device, &pinned)?;
         selector.reserve_requests(device, MAX_REQUESTS)?;
         let (sender, receiver) = unbounded();
@@ -144,6 +147,7 @@ impl PageStreamer {
         Ok(Self {
             paged: paged.clone(),
             hierarchy: Arc::new(hierarchy(&pages)),
+            pinned,
             pages,
             uploaded_generation: None,
             upload: None,
@@ -291,7 +295,7 @@ impl PageStreamer {
             stamp: self.params.stamp,
             is_resident: cache.residency().to_vec(),
             unreadable: self.unreadable.clone(),
-            not_evictable: pinned_pages(&cache).chain(self.evicting.iter().copied()).collect(),
+            not_evictable: self.pinned.iter().chain(&self.evicting).copied().collect(),
             free_slots: cache.free_slots().saturating_sub(reserved),
             max_loads: MAX_LOADING.saturating_sub(loading.len()),
             loading,
@@ -385,12 +389,26 @@ impl PageStreamer {
     }
 }
 
-/// The pages that are always resident: the last ones of each scene.
-fn pinned_pages(cache: &PageCache) -> impl Iterator<Item = u32> + use<> {
-    let scenes = cache.pages().scenes();
+/// The pages that are always resident: the last ones of each scene, and those in whose place no coarser page can be
+/// drawn, as all of a scene without levels.
+///
+/// # Errors
+/// [`OutOfMemory`] if they leave little of the cache for others.
+fn pinned_pages(cache: &PageCache) -> Result<Vec<u32>> {
+    let (scenes, levels) = (cache.pages().scenes(), levels(cache.pages()));
     let most = (PINNED_PAGES / scenes.len()).min(cache.capacity().div_ceil(4 * scenes.len())).max(1);
-    let last = move |(pages, _): (Range<usize>, usize)| pages.end - most.min(pages.len())..pages.end;
-    scenes.into_iter().flat_map(last).map(|page| page as u32)
+    let is_pinned = |page: usize, end: usize| page + most >= end || levels[page].parent == NO_PAGE;
+    let of_scene = |(pages, _): (Range<usize>, usize)| {
+        let end = pages.end;
+        pages.filter(move |page| is_pinned(*page, end)).map(|page| page as u32)
+    };
+    let pinned: Vec<u32> = scenes.into_iter().flat_map(of_scene).collect();
+    if pinned.len() > cache.capacity() - cache.capacity() / 8 && pinned.len() < levels.len() {
+        let (fit, all) = (cache.capacity(), pinned.len());
+        let reason = format!("{fit} pages fit, and {all} are of scenes without levels of detail, or the coarsest");
+        return Err(OutOfMemory { name: "pages of scenes".to_owned(), bytes: None, reason }.into());
+    }
+    Ok(pinned)
 }
 
 fn hierarchy(pages: &Pages) -> PageHierarchy {

@@ -38,8 +38,8 @@ impl Viewer {
                 false => self.open(&scene, self.setup.reading),
             }
         }
-        if let Some(layer) = self.scenes.layers.first_mut() {
-            layer.places = self.setup.places.take();
+        if let (Some(layer), Some(places)) = (self.scenes.layers.first_mut(), self.setup.places.take()) {
+            layer.places = Some(places);
         }
         if !self.cameras.are_loading
             && let Some(folder) = self.setup.photographs.take()

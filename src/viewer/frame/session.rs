@@ -10,7 +10,7 @@ use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
 use crate::render::{Compare, Inspection, Marker, Quantity};
 use crate::rules::Response;
 use crate::viewer::model::{
-    CompareTarget, Counts, Event, InspectionSettings, KEPT, Pair, Request, Side, Viewer, WindowRequest, needs_whole,
+    CompareTarget, Counts, Event, InspectionSettings, Pair, Request, Side, Viewer, WindowRequest, needs_whole,
 };
 use crate::viewer::panels;
 
@@ -258,11 +258,6 @@ impl Session {
         let (mut platform, mut requests) = (PlatformOutput::default(), Vec::new());
         let begun = Instant::now();
         for events in by_click(std::mem::take(&mut raw.events)) {
-            let keeps = self.can_keep_panels(&raw, &events);
-            if std::mem::replace(&mut self.viewer.panels.keeps, keeps) && !keeps {
-                // Events are answered by what the layout before them has.
-                self.lay_out_once(RawInput { events: Vec::new(), ..raw.clone() }, (now, 0.0), &mut platform);
-            }
             let input = RawInput { events, ..raw.clone() };
             raw.dropped_files.clear();
             self.lay_out_once(input, (now, std::mem::take(&mut seconds)), &mut platform);
@@ -271,21 +266,6 @@ impl Session {
         self.viewer.pictures.are_stale |= self.viewer.view.camera() != view_before;
         self.viewer.timing.layout_ms = begun.elapsed().as_secs_f64() * 1e3;
         Ok((Some(platform), requests))
-    }
-
-    /// True if the panels of the last whole layout suit this input.
-    fn can_keep_panels(&self, raw: &RawInput, events: &[egui::Event]) -> bool {
-        let viewer = &self.viewer;
-        let Some(kept) = viewer.panels.kept.as_ref().filter(|_| !viewer.panels.are_hidden) else { return false };
-        let is_free = |pointer: &egui::PointerState| !pointer.any_down() || viewer.pointer.drag.is_some();
-        kept.suit(events)
-            && raw.screen_rect.is_none_or(|window| window == kept.window)
-            && raw.hovered_files.is_empty()
-            && raw.dropped_files.is_empty()
-            && self.context.input(|input| is_free(&input.pointer))
-            && self.context.memory(|memory| memory.focused().is_none())
-            && !self.context.any_popup_open()
-            && viewer.messages.is_quiet()
     }
 
     /// One layout, of which `seconds` have passed since the one before.
@@ -300,9 +280,6 @@ impl Session {
             let messages = viewer.messages.shown().len();
             if std::mem::replace(laid_out, messages) != messages {
                 ui.ctx().request_discard("there are other messages");
-            }
-            if viewer.panels.keeps {
-                ui.ctx().request_repaint_after(KEPT);
             }
         });
         let FullOutput { platform_output, textures_delta, shapes, pixels_per_point, viewport_output, .. } = output;

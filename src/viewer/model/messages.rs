@@ -48,11 +48,6 @@ impl Messages {
         self.all.retain(|message| message.text != text);
     }
 
-    /// True if no message has come since the last [`Messages::take_new`].
-    pub fn is_quiet(&self) -> bool {
-        self.new.is_empty()
-    }
-
     pub fn close(&mut self, index: usize) {
         self.all.remove(index);
     }

@@ -85,8 +85,6 @@ impl Viewer {
                 shows_help: false,
                 dialog: Dialog::default(),
                 is_wide: false,
-                kept: None,
-                keeps: false,
                 recent,
             },
             setup,

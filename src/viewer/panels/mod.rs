@@ -10,7 +10,6 @@
 //! - `overlay`, `readout`, `guides`, `world_painter` - labels and messages, numbers, axes and grid, lines in world
 //!   space
 //! - `help` - the help window
-//! - `kept` - panels that are painted again as they were laid out last
 
 mod cameras;
 mod compare;
@@ -21,7 +20,6 @@ mod guides;
 mod help;
 mod input;
 mod inspection;
-mod kept;
 mod measures;
 mod overlay;
 mod quality;
@@ -52,9 +50,9 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui, events: Vec<egui::Eve
     if ui.ctx().theme() != theme {
         ui.ctx().set_theme(theme);
     }
-    let kept = if viewer.panels.keeps { kept::painted(viewer, ui) } else { None };
-    let free = kept.unwrap_or_else(|| kept::laid_out(viewer, ui, |viewer, ui| columns(viewer, pair, ui)));
+    columns(viewer, pair, ui);
     // Lines and labels over the picture are clipped at the panels.
+    let free = ui.available_rect_before_wrap();
     ui.set_clip_rect(free);
     let pixels = (free.size() * ui.ctx().pixels_per_point()).round();
     viewer.pictures.are_stale |= viewer.view.set_sizes(viewer.view.window_size, [pixels.x as u32, pixels.y as u32]);
