@@ -126,7 +126,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Render(Box<render::Args>),
-    View(view::Args),
+    View(Box<view::Args>),
     Info(info::Args),
     Convert(convert::Args),
     Lod(convert::lod::Args),

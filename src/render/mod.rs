@@ -106,8 +106,7 @@ pub use recorded::{Recorded, Started};
 pub use renderer::{RayCertifier, Renderer, UndrawableLens};
 #[doc(hidden)]
 pub use scene::Content;
-pub(crate) use scene::JoinedScenes;
-pub use scene::{Features, GpuScene, NoLevels, PagesRead, SceneSource, Upload};
+pub use scene::{Features, GpuScene, JoinedScenes, NoLevels, PagesRead, SceneSource, Upload};
 #[doc(hidden)]
 pub use shaders::Splat;
 pub use shaders::Totals;

@@ -71,7 +71,7 @@ fn act_at_random(actions: usize) {
                 click(1);
                 keys += 1;
             }
-            4 => tap(u32::from('1') + random.below(9) as u32),
+            4 => tap(u32::from('1') + random.below(9)),
             5 => match random.below(6) {
                 0 => with(CONTROL, u32::from('a')),
                 1 => with(CONTROL, u32::from('i')),

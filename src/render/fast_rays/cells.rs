@@ -37,7 +37,8 @@ const KEPT: usize = 6;
 
 /// The cells of a lens: those of the lenses used last are kept, since making them takes seconds of processor time.
 fn known(lens: &Arc<Lens>) -> Arc<[Cell]> {
-    static LAST: Mutex<Vec<(Arc<Lens>, Arc<[Cell]>)>> = Mutex::new(Vec::new());
+    type Known = Vec<(Arc<Lens>, Arc<[Cell]>)>;
+    static LAST: Mutex<Known> = Mutex::new(Vec::new());
     let last = || LAST.lock().unwrap_or_else(PoisonError::into_inner);
     let found = last().iter().find(|(of, _)| of == lens).map(|(_, cells)| cells.clone());
     // The lock is not held meanwhile: the threads that make the cells may take up other work, which needs it.

@@ -351,7 +351,7 @@ impl GpuScene {
     pub(crate) fn views_of_scenes(&self) -> Vec<Range<u32>> {
         match self.paged() {
             Some(paged) if !paged.instances_of_scenes.is_empty() => paged.instances_of_scenes.clone(),
-            _ => vec![0..self.transforms().len() as u32],
+            _ => std::iter::once(0..self.transforms().len() as u32).collect(),
         }
     }
 

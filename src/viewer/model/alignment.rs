@@ -66,9 +66,11 @@ fn eigen(mut a: [[f64; 4]; 4]) -> ([f64; 4], [[f64; 4]; 4]) {
         for row in &mut a {
             (row[p], row[q]) = turn(row[p], row[q]);
         }
-        for k in 0..4 {
-            (a[p][k], a[q][k]) = turn(a[p][k], a[q][k]);
-        }
+        let rows = [a[p], a[q]];
+        (a[p], a[q]) = (
+            std::array::from_fn(|k| turn(rows[0][k], rows[1][k]).0),
+            std::array::from_fn(|k| turn(rows[0][k], rows[1][k]).1),
+        );
         for row in &mut vectors {
             (row[p], row[q]) = turn(row[p], row[q]);
         }
