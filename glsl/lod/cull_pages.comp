@@ -93,8 +93,8 @@ void main() {
     uint page = number % push.pages, placement = number / push.pages;
     if (placement >= push.views) return;
     PageBox box = boxes[page];
-    if (placement >= floatBitsToUint(box.views)) return;
-    uint number_of_view = floatBitsToUint(box.first_view) + placement, first = number_of_view * VIEW_ELEMENTS;
+    if (placement >= uint(box.views)) return;
+    uint number_of_view = uint(box.first_view) + placement, first = number_of_view * VIEW_ELEMENTS;
     view = placed_view_of(uintBitsToFloat(draw_list[first]), uintBitsToFloat(draw_list[first + 1]),
         uintBitsToFloat(draw_list[first + 2]), uintBitsToFloat(draw_list[first + 3]),
         uintBitsToFloat(draw_list[first + 4]));

@@ -18,8 +18,8 @@ struct PageBox {
     vec3 lod_low;      // the box of its group: pixel widths are taken at its nearest point
     vec3 lod_high;
     float per_width_squared;  // 1 / reference width^2: up to this pixel width, errors are fully visible
-    float first_view;  // the bits of the number of the first placed view of its scene
-    float views;       // the bits of the number of its placed views
+    float first_view;  // the number of the first placed view of its scene
+    float views;       // the number of its placed views
 };
 
 // The errors of a page as codes, two per word, ascending.

@@ -69,12 +69,12 @@ impl Pages {
             true => Layout::of_nodes(statistics, options),
             false => Layout::of(statistics, options),
         };
-        Self::of_file_in(file, wanted, alpha_min, has_levels)
+        Self::of_file_in(file, wanted, alpha_min, has_levels, false)
     }
 
     /// The pages of a file in a layout, or in its own layout if it was stored with loss and the layout does not keep
     /// all of that.
-    fn of_file_in(file: Arc<PageFile>, wanted: Layout, alpha_min: f32, has_levels: bool) -> Self {
+    fn of_file_in(file: Arc<PageFile>, wanted: Layout, alpha_min: f32, has_levels: bool, may_widen: bool) -> Self {
         let header = file.header();
         let (statistics, stored) = (header.statistics.clone(), &header.layout);
         let has_reaches = header.alpha_min == alpha_min;
@@ -83,7 +83,7 @@ impl Pages {
             true => pages.to_vec(),
             false => pages.iter().map(|page| page.at(alpha_min, 1.0, 0.0)).collect(),
         };
-        let keeps_all = is_whole(&wanted) && wanted.sh_degree >= stored.sh_degree;
+        let keeps_all = may_widen && is_whole(&wanted) && wanted.sh_degree >= stored.sh_degree;
         let is_lossless = is_whole(stored) && stored.sh_degree >= statistics.requirements.sh_degree || keeps_all;
         let is_same = stored.has_words_of(&wanted);
         let (layout, pages, notice) = if is_same {
@@ -117,7 +117,7 @@ impl Pages {
         let alpha_min = options.rules.alpha_min;
         let pages_in = |layout: &Layout| {
             let of_scene = |scene: &PagedScene| match scene {
-                PagedScene::File(file) => Self::of_file_in(file.clone(), layout.clone(), alpha_min, has_levels),
+                PagedScene::File(file) => Self::of_file_in(file.clone(), layout.clone(), alpha_min, has_levels, true),
                 PagedScene::Memory(gaussians, statistics) => {
                     Self::of_gaussians_in(gaussians.clone(), Statistics::clone(statistics), layout.clone(), alpha_min)
                 }
@@ -127,7 +127,8 @@ impl Pages {
         let mut layout = wanted(options);
         let mut all = pages_in(&layout);
         if all.iter().any(|pages| !pages.layout().has_words_of(&layout)) {
-            layout = wanted(&Options { sh_storage: Storage::F32, shape_storage: Storage::F32, ..*options });
+            let (sh_storage, shape_storage) = (Storage::F32, Storage::F32);
+            layout = wanted(&Options { sh_storage, shape_storage, sh_degree: MAX_SH_DEGREE, ..*options });
             all = pages_in(&layout);
         }
         let (mut joined, mut pages, mut joined_levels, mut nodes) = (Vec::new(), Vec::new(), Vec::new(), 0);

@@ -39,6 +39,10 @@ fn a_slow_frame_does_what_fast_ones_do() {
         presses(Key::Num2, Modifiers::NONE),
         left.clone(),
         presses(Key::Delete, Modifiers::NONE),
+        presses(Key::Num6, Modifiers::NONE),
+        stroke(pos2(185.0, 130.0), pos2(200.0, 140.0)),
+        presses(Key::Delete, Modifiers::NONE),
+        presses(Key::Num2, Modifiers::NONE),
         right,
         presses(Key::B, Modifiers::NONE),
         presses(Key::A, Modifiers::COMMAND),
@@ -60,7 +64,7 @@ fn a_slow_frame_does_what_fast_ones_do() {
         offscreen.settle().unwrap();
         assert_eq!(offscreen.viewer().editing.tool, Tool::Rectangle);
         let mut counts = vec![offscreen.viewer().scenes.edit_counts()];
-        for _ in 0..5 {
+        for _ in 0..7 {
             frame(&mut offscreen, undo());
             offscreen.settle().unwrap();
             counts.push(offscreen.viewer().scenes.edit_counts());
@@ -69,7 +73,7 @@ fn a_slow_frame_does_what_fast_ones_do() {
     };
     let [fast, slow] = [false, true].map(counts);
     assert_eq!(slow, fast);
-    let [now, before, .., last] = fast[..] else { unreachable!("there are six") };
+    let [now, before, .., last] = fast[..] else { unreachable!("there are eight") };
     assert!(now.selected > 0 && now.deleted > 0 && now.hidden > 0, "{now:?}");
     assert!(before.selected == 0 && before.hidden == now.hidden && last == Counts::default(), "{fast:?}");
 }

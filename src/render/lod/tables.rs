@@ -32,8 +32,9 @@ pub fn page_box(pages: &Pages, number: usize, views: &Range<u32>) -> PageBox {
         lod_high: level.map_or(high, |level| level.high),
         // Limited, so that the product with a squared pixel width is finite.
         per_width_squared: level.map_or(0.0, |level| (f64::from(level.reference_width).powi(-2) as f32).min(1e15)),
-        first_view: f32::from_bits(views.start),
-        views: f32::from_bits(views.end - views.start),
+        first_view: views.start as f32,
+        // Of one scene, which may have more instances than a float has whole numbers, all views are its own.
+        views: if views.start == 0 { (views.end as f32).next_up() } else { (views.end - views.start) as f32 },
     }
 }
 

@@ -81,6 +81,8 @@ pub(crate) struct Paged {
 
 /// The most scene instances, whose numbers the draw list of pages has bits for.
 const MAX_INSTANCES: usize = 1 << WEIGHT_SHIFT;
+/// The most instances of joined scenes, whose numbers are in floats.
+const MAX_JOINED: u32 = 1 << 23;
 /// The number of Gaussians uploaded at a time: enough to share among threads, few enough to need little memory.
 pub(super) const UPLOAD_CHUNK: usize = 1 << 17;
 /// The number of Gaussians that a thread packs at a time: a multiple of the number that shares an element.
@@ -335,6 +337,11 @@ impl GpuScene {
             let first = ranges.last().map_or(0, |range| range.end);
             ranges.push(first..first + instances.all().len() as u32);
         }
+        let views = ranges.last().map_or(0, |range| range.end);
+        ensure!(
+            views <= MAX_JOINED,
+            "{views} places are more than {MAX_JOINED}, which several scenes can have together"
+        );
         let all = scenes.iter().flat_map(|(instances, _)| instances.all().iter().copied()).collect();
         let extents = scenes.iter().map(|(instances, extent)| instances.extent(extent));
         let extent = extents.reduce(Bounds::around).expect("there is a scene");

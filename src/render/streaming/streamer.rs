@@ -403,7 +403,8 @@ fn pinned_pages(cache: &PageCache) -> Result<Vec<u32>> {
         pages.filter(move |page| is_pinned(*page, end)).map(|page| page as u32)
     };
     let pinned: Vec<u32> = scenes.into_iter().flat_map(of_scene).collect();
-    if pinned.len() > cache.capacity() - cache.capacity() / 8 && pinned.len() < levels.len() {
+    let leaves_room = pinned.len() <= cache.capacity() - cache.capacity() / 8;
+    if pinned.len() > cache.capacity() || !leaves_room && pinned.len() < levels.len() {
         let (fit, all) = (cache.capacity(), pinned.len());
         let reason = format!("{fit} pages fit, and {all} are of scenes without levels of detail, or the coarsest");
         return Err(OutOfMemory { name: "pages of scenes".to_owned(), bytes: None, reason }.into());

@@ -30,9 +30,25 @@ impl Viewer {
         self.request_selection(selection.clone(), mode, (false, false));
     }
 
+    /// Selects Gaussians in the place of the request of a pixel's colour.
+    pub fn select_alike(&mut self, selection: Selection, mode: SelectionMode) {
+        self.go_on_requesting(selection, mode, (false, false));
+    }
+
     /// Selects during a drag of a range, or at its end.
     pub fn select_while_dragging(&mut self, selection: &Selection, goes_on: bool) {
         self.request_selection(selection.clone(), SelectionMode::Replace, (false, goes_on));
+    }
+
+    /// Requests a selection in the place of the request that led to it, before later ones.
+    fn go_on_requesting(&mut self, selection: Selection, mode: SelectionMode, flags: (bool, bool)) {
+        self.request_selection(selection, mode, flags);
+        let request = self.requests.pop();
+        self.go_on_with(request);
+    }
+
+    fn go_on_with(&mut self, request: Option<Request>) {
+        request.into_iter().for_each(|request| self.requests.insert(0, request));
     }
 
     /// Requests a selection: true if it starts from the edits at the beginning of the stroke, and if its stroke goes
@@ -77,9 +93,7 @@ impl Viewer {
 
     /// Goes on with a selection that waited, before those that were requested meanwhile.
     fn go_on_selecting(&mut self, waiting: Option<Selecting>) {
-        if let Some(waiting) = waiting {
-            self.requests.insert(0, Request::Select(waiting));
-        }
+        self.go_on_with(waiting.map(Request::Select));
     }
 
     fn refuse_values(&mut self, waiting: Option<Selecting>, property: Property, problem: &anyhow::Error) {
@@ -295,7 +309,8 @@ impl Viewer {
         };
         let view = self.drawn_view();
         let centre = view.unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth);
-        self.request_selection(Selection::Ball(centre, radius_px * view.pixel_world(depth)), mode, (true, goes_on));
+        let ball = Selection::Ball(centre, radius_px * view.pixel_world(depth));
+        self.go_on_requesting(ball, mode, (true, goes_on));
     }
 
     /// The box that selects: around the pivot, before it is moved.
@@ -328,6 +343,9 @@ impl Viewer {
             let Some(LoadedScene::Whole(whole)) = layer.scene.clone().filter(|_| layer.progress.is_none()) else {
                 return self.messages.error(needs_whole("saving a scene"));
             };
+            if layer.places.is_some() {
+                return self.messages.error(format!("{}: a scene at places of a list is not saved", layer.name));
+            }
             match layer.placement.transform() {
                 Ok(transform) => parts.push((whole, layer.edit.clone(), transform, layer.appearance)),
                 Err(problem) => return self.messages.error(format!("{problem:#}")),

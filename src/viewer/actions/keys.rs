@@ -4,8 +4,17 @@ use super::command::Program;
 use crate::viewer::model::{Action, Change, Request, SaveTarget, Tool, Viewer, WindowRequest};
 
 impl Viewer {
-    /// Closes and ends what lies over the picture.
+    /// Closes and ends what lies over the picture, after what was requested of pixels before.
     pub fn escape(&mut self) {
+        let waits = |request: &Request| matches!(request, Request::Mark(_) | Request::Pick(_));
+        if self.requests.iter().any(waits) {
+            return self.requests.push(Request::Escape);
+        }
+        self.escape_now();
+    }
+
+    /// Closes and ends at once what lies over the picture.
+    pub fn escape_now(&mut self) {
         self.panels.shows_help = false;
         self.messages.close_errors();
         self.comparison.area = None;
@@ -17,7 +26,9 @@ impl Viewer {
     /// Does what a key does. `pixel` is the pixel under the cursor. Edits, and undo of them, wait for the edits that
     /// are requested already.
     pub fn act(&mut self, action: Action, pixel: Option<[u32; 2]>) {
-        if action.is_edit() && self.has_requested_edits() {
+        let is_undo = matches!(action, Action::Undo | Action::Redo);
+        let waits = |request: &Request| matches!(request, Request::Mark(_) | Request::Focus(_));
+        if action.is_edit() && self.has_requested_edits() || is_undo && self.requests.iter().any(waits) {
             self.requests.push(Request::Act(action));
         } else {
             self.act_now(action, pixel);

@@ -5,12 +5,16 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 
 use crate::camera::CameraFile;
+use crate::files::read_whole;
 use crate::formats::{LOD_META, Reading, in_folder};
 use crate::scene::{Cancelled, SceneInstances, Unreadable};
 use crate::viewer::model::{
-    CAMERAS, CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, OpenedScene, Origin, PICTURES,
+    CAMERAS, CompareTarget, CompareWith, Event, JobEvent, Layer, LayerSource, Measures, OpenedScene, Origin, PICTURES,
     Photographs, PictureOf, Reporter, SecondPicture, Start, Viewer, holds_photographs, is_project,
 };
+
+/// The message that there is nothing to place.
+const NO_SCENE: &str = "a list of places needs a scene: open one first";
 
 /// The path of typed or pasted text, which may have surrounding spaces, quotes, file://, or ~ for the home folder. An
 /// existing file with that very name has precedence.
@@ -38,8 +42,10 @@ impl Viewer {
                 false => self.open(&scene, self.setup.reading),
             }
         }
-        if let (Some(layer), Some(places)) = (self.scenes.layers.first_mut(), self.setup.places.take()) {
-            layer.places = Some(places);
+        match (self.scenes.layers.first_mut(), self.setup.places.take()) {
+            (Some(layer), Some(places)) => layer.places = Some(places),
+            (None, Some(_)) => self.messages.error(NO_SCENE),
+            (_, None) => {}
         }
         if !self.cameras.are_loading
             && let Some(folder) = self.setup.photographs.take()
@@ -162,10 +168,23 @@ impl Viewer {
 
     /// Draws the placed scene at every place of a list. Returns false if the file is no list of places.
     fn open_places(&mut self, file: &Path) -> bool {
-        let Ok(places) = SceneInstances::read(file) else { return false };
+        // Other JSON files are those of cameras.
+        let text = read_whole(file).unwrap_or_default();
+        let is_list =
+            serde_json::from_slice::<serde_json::Value>(&text).is_ok_and(|value| value.get("places").is_some());
+        if !is_list {
+            return false;
+        }
+        let places = match SceneInstances::parse(&text) {
+            Ok(places) => places,
+            Err(problem) => {
+                self.messages.error(Unreadable::new(file, &problem).to_string());
+                return true;
+            }
+        };
         let number = self.placed_layer();
         let Some(layer) = number.and_then(|number| self.scenes.layer_mut(number)) else {
-            self.messages.error("a list of places needs a scene: open one first");
+            self.messages.error(NO_SCENE);
             return true;
         };
         let text = format!("{} at {} places", layer.name, places.all().len());
@@ -204,6 +223,7 @@ impl Viewer {
             (self.view.is_set, self.view.first, self.view.near_limit) = (false, None, None);
             self.options.rules.near = self.setup.options.rules.near;
             self.inspector.settings.culled_from = None;
+            (self.measures, self.ruler.open) = (Measures::default(), None);
         }
         self.pictures.are_stale = true;
     }

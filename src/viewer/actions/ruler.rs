@@ -10,6 +10,7 @@ impl Viewer {
     pub fn mark(&mut self, pixel: [u32; 2], depth: Option<f32>) {
         let Some(depth) = depth else { return self.messages.note("there is nothing at this pixel") };
         let point = self.drawn_view().unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, f64::from(depth));
+        self.record_undo_step();
         self.measure(point);
         let position = format!("{:.6}, {:.6}, {:.6}", point.x, point.y, point.z);
         let measure = self.ruler.open.map(|index| &self.measures.all[index]);

@@ -1,6 +1,6 @@
 //! Undo and redo.
 
-use crate::viewer::model::{Layer, LayerState, Undo, UndoState, Viewer};
+use crate::viewer::model::{Layer, LayerState, Measures, Undo, UndoState, Viewer};
 
 /// Most steps that can be undone.
 const STEPS: usize = 1000;
@@ -9,7 +9,7 @@ impl Viewer {
     fn state(&self) -> UndoState {
         let layer = |layer: &Layer| {
             let Layer { number, placement, appearance, is_shown, .. } = *layer;
-            LayerState { number, placement, appearance, is_shown }
+            LayerState { number, placement, places: layer.places.clone(), appearance, is_shown }
         };
         UndoState {
             view: self.view.navigator.own_camera().clone(),
@@ -71,12 +71,20 @@ impl Viewer {
         }
         (self.options, self.view.background, self.film.timeline) = (*options, *background, timeline.clone());
         self.film.is_playing = false;
+        let open = |measures: &Measures, index: Option<usize>| {
+            let measure = measures.all.get(index?)?;
+            Some((measure.kind, measure.points.first().copied()))
+        };
+        // The open measure may be another one now.
+        let index = self.ruler.open;
+        self.ruler.open.take_if(|_| open(&self.measures, index) != open(measures, index));
         self.measures.clone_from(measures);
         for layer in &mut self.scenes.layers {
             match layers.iter().find(|state| state.number == layer.number) {
                 Some(state) => {
                     (layer.placement, layer.appearance, layer.is_shown) =
                         (state.placement, state.appearance, state.is_shown);
+                    layer.places.clone_from(&state.places);
                 }
                 // It was separated later; redo shows it again.
                 None if layer.part.is_some() => layer.is_shown = [false; 2],

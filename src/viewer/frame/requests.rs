@@ -43,6 +43,7 @@ impl Session {
                 }
                 Request::SelectColour(pixel, mode) => self.select_colour(pixel, mode)?,
                 Request::Act(action) => self.viewer.act_now(action, None),
+                Request::Escape => self.viewer.escape_now(),
                 Request::BeginStroke => self.viewer.note_edits(),
                 Request::FitRange => self.viewer.fit_range(),
                 Request::WritePicture => self.write_picture()?,
@@ -124,6 +125,7 @@ impl Session {
             return Ok(());
         }
         if viewer.needs_depths()
+            && self.pair.first.as_ref().and_then(Drawn::residency).is_none_or(|pages| pages.is_settled())
             && viewer.inspector.depths.is_none()
             && let Some(first) = &mut self.pair.first
         {

@@ -263,7 +263,7 @@ impl Session {
         }
         editing.property = property;
         let [low, high] = editing.range;
-        self.viewer.select(&Selection::Values(property, low..=high), mode);
+        self.viewer.select_alike(Selection::Values(property, low..=high), mode);
         Ok(())
     }
 }

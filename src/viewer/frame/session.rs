@@ -451,22 +451,24 @@ impl Session {
     }
 }
 
-/// Splits events so that each part has one click at most: a layout knows one position of the pointer, and tells one
-/// click of a widget from none.
+/// Splits events so that each part has one click at most, or keys: a layout knows one position of the pointer, tells
+/// one click of a widget from none, and does not tell whether a click or a key was first.
 fn by_click(events: Vec<egui::Event>) -> Vec<Vec<egui::Event>> {
-    use egui::Event::{PointerButton, PointerMoved};
+    use egui::Event::{Copy, Cut, Key, Paste, PointerButton, PointerMoved, Text};
     let mut parts = vec![Vec::new()];
-    let (mut has_button, mut has_release) = (false, false);
+    let (mut has_button, mut has_release, mut has_key) = (false, false, false);
     for event in events {
+        let is_key = matches!(event, Key { pressed: true, .. } | Text(_) | Copy | Cut | Paste(_));
         let ends = match &event {
             PointerMoved(_) => has_button,
-            PointerButton { pressed: true, .. } => has_release,
-            _ => false,
+            PointerButton { pressed: true, .. } => has_release || has_key,
+            _ => is_key && has_release,
         };
         if ends {
             parts.push(Vec::new());
-            (has_button, has_release) = (false, false);
+            (has_button, has_release, has_key) = (false, false, false);
         }
+        has_key |= is_key;
         if let PointerButton { pressed, .. } = event {
             (has_button, has_release) = (true, has_release || !pressed);
         }
@@ -489,4 +491,34 @@ fn arrangement<'a>(viewer: &Viewer, pair: &Pair, layout: &'a UiLayout) -> Arrang
         _ => viewer.inspector.settings.quantity(),
     };
     Arrangement { compare, quantity, triangles: &layout.triangles, pixels_per_point: layout.pixels_per_point }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui::{Event, Key, Modifiers, PointerButton, pos2};
+
+    use super::by_click;
+
+    /// A click, and what is before and after it, are parts of their own.
+    #[test]
+    fn parts_of_events_have_one_click_each() {
+        let moved = Event::PointerMoved(pos2(1.0, 2.0));
+        let button = |pressed| Event::PointerButton {
+            pos: pos2(1.0, 2.0),
+            button: PointerButton::Primary,
+            pressed,
+            modifiers: Modifiers::NONE,
+        };
+        let key =
+            Event::Key { key: Key::Z, physical_key: None, pressed: true, repeat: false, modifiers: Modifiers::NONE };
+        let [press, release] = [true, false].map(button);
+        let sizes = |events: &[&Event]| {
+            let parts = by_click(events.iter().map(|event| (*event).clone()).collect());
+            parts.iter().map(Vec::len).collect::<Vec<_>>()
+        };
+        assert_eq!(sizes(&[]), [0]);
+        assert_eq!(sizes(&[&moved, &press, &release, &press, &release]), [3, 2]);
+        assert_eq!(sizes(&[&moved, &press, &moved, &moved, &release, &moved]), [2, 3, 1]);
+        assert_eq!(sizes(&[&key, &key, &press, &release, &key, &press]), [2, 2, 1, 1]);
+    }
 }

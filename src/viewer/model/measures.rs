@@ -209,6 +209,9 @@ impl Default for Ruler {
 
 /// A number with five significant digits.
 fn short(value: f64) -> String {
+    if value.abs() < 1e-9 {
+        return "0".to_owned();
+    }
     let digits = 4 - value.abs().max(1e-9).log10().floor() as i32;
     format!("{value:.*}", digits.clamp(0, 12) as usize)
 }

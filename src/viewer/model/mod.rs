@@ -83,7 +83,7 @@ pub(crate) use keys::{ACTIONS, Action, Chord, TASKS};
 pub(crate) use layers::{Layer, LayerSource, Placement};
 pub(crate) use loaded_scene::{LoadedScene, OpenedScene, are_same};
 pub use measures::MeasureKind;
-pub(crate) use measures::{LengthUnit, Measure};
+pub(crate) use measures::{LengthUnit, Measure, Measures};
 pub(crate) use measuring::{Measurement, Purpose};
 pub(crate) use photographs::{Photographs, camera_of, holds_photographs};
 pub(crate) use plan::{Drawn, MeasuredScene, Pair, Plan, Reusable, Second, Side, needs_whole};

@@ -31,6 +31,8 @@ pub enum Request {
     Select(Selecting),
     /// Do what the key of an edit does.
     Act(Action),
+    /// Do what Escape does.
+    Escape,
     /// Note the edits from which a stroke of a tool starts.
     BeginStroke,
     /// Select Gaussians of the colour of the one that is seen most at this pixel.

@@ -29,7 +29,7 @@ impl Scenes {
 
     /// True if scenes are drawn in pages: one has levels of detail, or is drawn at places of a list.
     pub fn are_paged(&self) -> bool {
-        self.have_levels() || self.layers.iter().any(|layer| layer.places.is_some())
+        self.have_levels() || self.shown().any(|layer| layer.places.is_some())
     }
 
     /// A number that no layer of this viewer has had.

@@ -1,5 +1,6 @@
 //! Undo and redo: the settings and placements before and after each change.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::appearance::Appearance;
@@ -9,6 +10,7 @@ use super::measures::Measures;
 use crate::camera::{Camera, Timeline};
 use crate::options::{KNOBS, Options};
 use crate::rules::Background;
+use crate::scene::SceneInstances;
 
 /// Most bytes of edits in the undo states.
 const MAX_BYTES: usize = 256 << 20;
@@ -56,10 +58,11 @@ pub struct Undo {
 }
 
 /// The part of a layer's state that can be undone, besides its edit.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, PartialEq)]
 pub struct LayerState {
     pub number: u64,
     pub placement: Placement,
+    pub places: Option<(PathBuf, SceneInstances)>,
     pub appearance: Appearance,
     /// The pictures that include the layer.
     pub is_shown: [bool; 2],
@@ -99,6 +102,7 @@ impl UndoState {
             (Some((before, after)), _) if are_open => {
                 let what = match () {
                     () if before.placement != after.placement => "the placement",
+                    () if before.places != after.places => "the list of places",
                     () if before.appearance != after.appearance => "the colours and the opacity",
                     () => "whether it is shown",
                 };

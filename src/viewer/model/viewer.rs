@@ -105,7 +105,8 @@ impl Viewer {
 
     /// True if lines over the picture are told whether they lie behind it.
     pub fn needs_depths(&self) -> bool {
-        !self.panels.are_hidden && (self.panels.recent.shows_guides || self.panels.shows(Tab::Path))
+        let shows_path = self.panels.shows(Tab::Path) && !self.film.timeline.keys().is_empty();
+        !self.panels.are_hidden && (self.panels.recent.shows_guides || shows_path)
     }
 
     /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where

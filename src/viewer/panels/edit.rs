@@ -97,7 +97,10 @@ fn selection(viewer: &mut Viewer, ui: &mut Ui) {
         for (name, action, change, can) in rows {
             let key = action.map(|action| viewer.setup.bindings.text(action)).unwrap_or_default();
             if ui.add_enabled(can, Button::new(name)).on_hover_text(key).clicked() {
-                viewer.change(change);
+                match action {
+                    Some(action) => viewer.act(action, None),
+                    None => viewer.change(change),
+                }
             }
         }
     });

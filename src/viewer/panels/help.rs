@@ -10,7 +10,7 @@ const MOUSE: [(&str, &str); 6] = [
     ("right drag", "look around"),
     ("wheel", "move nearer or farther"),
     ("double click", "turn around what is under the cursor"),
-    ("drop a file", "open a scene, a camera file, or a picture to compare with"),
+    ("drop a file", "open a scene, a project, cameras, a list of places, or a picture to compare with"),
 ];
 
 /// Least width of a column of help, in points.

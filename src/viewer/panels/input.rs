@@ -148,7 +148,7 @@ fn fly(viewer: &mut Viewer, ui: &Ui, seconds: f64) -> bool {
 pub fn handle_events(viewer: &mut Viewer, ui: &mut Ui, rect: Rect, events: Vec<Input>) {
     let response = ui.allocate_rect(rect, Sense::click_and_drag());
     let size = viewer.view.size;
-    let before = viewer.view.navigator.camera(size);
+    let (mut before, mut has_moved) = (viewer.view.navigator.camera(size), false);
     let mut has_stroke = false;
     for event in events {
         if let Input::PointerMoved(pos) | Input::PointerButton { pos, .. } = event {
@@ -173,7 +173,12 @@ pub fn handle_events(viewer: &mut Viewer, ui: &mut Ui, rect: Rect, events: Vec<I
             }
             Input::WindowFocused(false) => viewer.cancel_stroke(),
             Input::PointerGone => viewer.pointer.position = None,
-            event => key(viewer, ui, &event),
+            event => {
+                // Keys say themselves which camera of the file they go to.
+                has_moved |= viewer.view.navigator.camera(size) != before;
+                key(viewer, ui, &event);
+                before = viewer.view.navigator.camera(size);
+            }
         }
     }
     if has_stroke {
@@ -191,7 +196,7 @@ pub fn handle_events(viewer: &mut Viewer, ui: &mut Ui, rect: Rect, events: Vec<I
             viewer.view.navigator.dolly(f64::from(zoom).ln() * 10.0);
         }
     }
-    if viewer.view.navigator.camera(size) != before {
+    if has_moved || viewer.view.navigator.camera(size) != before {
         viewer.view.camera_index = None;
         viewer.film.is_playing = false;
     }

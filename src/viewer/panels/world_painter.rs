@@ -12,8 +12,9 @@ use crate::viewer::model::{Depths, Viewer};
 /// Parts of a segment that is drawn as a curve.
 const PARTS: u32 = 12;
 
-/// Parts of a segment that may be hidden by the picture, and the opacity of hidden ones.
+/// Most parts of a segment that may be hidden by the picture, their length in pixels, and the opacity of hidden ones.
 const SEEN_PARTS: u32 = 96;
+const PART_PX: f64 = 8.0;
 const HIDDEN: f32 = 0.25;
 
 /// Draws lines and points in world space over the picture.
@@ -50,25 +51,26 @@ impl WorldPainter {
         if self.view.lens.is_some() {
             return self.curve((0..=PARTS).map(|i| a.lerp(b, f64::from(i) / f64::from(PARTS))), stroke);
         }
-        let near = 1e-3 * (a - b).length();
-        let [a_z, b_z] = [a, b].map(|place| self.view.view(place).z);
-        if a_z <= near && b_z <= near {
-            return;
-        }
-        let cut = |p: DVec3, z: f64, q: DVec3, other_z: f64| {
-            if z >= near { p } else { p + (q - p) * ((near - z) / (other_z - z)) }
-        };
-        if let (Some(a), Some(b)) = (self.position(cut(a, a_z, b, b_z)), self.position(cut(b, b_z, a, a_z))) {
+        let Some([a, b]) = self.before_camera([a, b]) else { return };
+        if let (Some(a), Some(b)) = (self.position(a), self.position(b)) {
             self.painter.line_segment([a, b], stroke);
         }
     }
 
     /// A segment in short parts, of which those behind the picture are drawn faintly.
     fn parts(&self, [a, b]: [DVec3; 2], stroke: Stroke, depths: &Depths) {
+        let Some([a, b]) = self.before_camera([a, b]) else { return };
         let faint = Stroke::new(stroke.width, stroke.color.gamma_multiply(HIDDEN));
-        let seen = (0..=SEEN_PARTS).map(|i| a.lerp(b, f64::from(i) / f64::from(SEEN_PARTS)));
-        let seen: Vec<Option<(DVec2, f64)>> = seen.map(|place| self.view.projected(place)).collect();
-        let farthest = f64::from(self.view.size_px[0]) / 2.0;
+        let ends = [a, b].map(|end| self.view.projected(end));
+        let long = match ends {
+            [Some((a, _)), Some((b, _))] if self.view.lens.is_none() => a.distance(b) / PART_PX,
+            _ => f64::from(SEEN_PARTS),
+        };
+        let parts = (long.ceil() as u32).clamp(1, SEEN_PARTS);
+        let seen = (0..=parts).map(|i| self.view.projected(a.lerp(b, f64::from(i) / f64::from(parts))));
+        let seen: Vec<Option<(DVec2, f64)>> = seen.collect();
+        // Through a lens, a part may leave the picture on one side and come back on the other.
+        let farthest = if self.view.lens.is_some() { f64::from(self.view.size_px[0]) / 2.0 } else { f64::INFINITY };
         // Neighbouring parts of one kind are one line.
         let mut way: Vec<Pos2> = Vec::new();
         let mut is_hidden = false;
@@ -80,7 +82,7 @@ impl WorldPainter {
             way.clear();
         };
         for pair in seen.windows(2) {
-            let [Some((a, a_depth)), Some((b, b_depth))] = *pair else {
+            let (Some((a, a_depth)), Some((b, b_depth))) = (pair[0], pair[1]) else {
                 draw(&mut way, is_hidden);
                 continue;
             };
@@ -97,6 +99,19 @@ impl WorldPainter {
             way.push(position(b));
         }
         draw(&mut way, is_hidden);
+    }
+
+    /// The part of a segment in front of a pinhole; all of it through a lens.
+    fn before_camera(&self, [a, b]: [DVec3; 2]) -> Option<[DVec3; 2]> {
+        if self.view.lens.is_some() {
+            return Some([a, b]);
+        }
+        let near = 1e-3 * (a - b).length();
+        let [a_z, b_z] = [a, b].map(|place| self.view.view(place).z);
+        let cut = |p: DVec3, z: f64, q: DVec3, other_z: f64| {
+            if z >= near { p } else { p + (q - p) * ((near - z) / (other_z - z)) }
+        };
+        (a_z > near || b_z > near).then(|| [cut(a, a_z, b, b_z), cut(b, b_z, a, a_z)])
     }
 
     /// The curve through points of the world, without the parts that leave the picture on one side and come back on
