@@ -74,8 +74,8 @@ const COMMANDS: [Pairs; 10] = [
             ACCURACY,
             LEVELS,
             LENS,
-            "cameras camera photographs size background fullscreen vsync preset compare compare-by look keys events \
-             offscreen screen path target-fps no-panels follow",
+            "cameras camera photographs place size background fullscreen vsync preset compare compare-by look keys",
+            "events offscreen screen path target-fps no-panels follow",
             PLACE,
         ],
         refused: &[
