@@ -67,7 +67,7 @@ impl Statistics {
                 count: a.count + b.count,
                 sh_degree: a.sh_degree.max(b.sh_degree),
                 extent: a.extent.around(b.extent),
-                focus: if a.focus.radius >= b.focus.radius { a.focus } else { b.focus },
+                focus: a.focus.joined(b.focus),
                 requirements: a.requirements.joined(&b.requirements),
                 scales: [smallest, a.scales[1].max(b.scales[1])],
                 is_flat: a.is_flat || b.is_flat,

@@ -83,7 +83,8 @@ impl PageLod {
         Self {
             low: page.low,
             high: page.high,
-            reference_width: 0.0,
+            // Its nodes have no errors that fall in wider pixels.
+            reference_width: f32::INFINITY,
             parent: NO_PAGE,
             highest_opacity: page.highest_opacity,
             least_error: 0,

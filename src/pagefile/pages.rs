@@ -65,10 +65,7 @@ impl Pages {
         let header = file.header();
         let (statistics, alpha_min) = (&header.statistics, options.rules.alpha_min);
         let has_levels = options.wants_levels() && header.levels.is_some();
-        let wanted = match has_levels {
-            true => Layout::of_nodes(statistics, options),
-            false => Layout::of(statistics, options),
-        };
+        let wanted = layout_of(statistics, options, has_levels);
         Self::of_file_in(file, wanted, alpha_min, has_levels, false)
     }
 
@@ -110,10 +107,7 @@ impl Pages {
     pub fn joined(scenes: &[PagedScene], options: &Options) -> Self {
         let statistics = Statistics::joined(scenes.iter().map(PagedScene::statistics));
         let has_levels = options.wants_levels();
-        let wanted = |options: &Options| match has_levels {
-            true => Layout::of_nodes(&statistics, options),
-            false => Layout::of(&statistics, options),
-        };
+        let wanted = |options: &Options| layout_of(&statistics, options, has_levels);
         let alpha_min = options.rules.alpha_min;
         let pages_in = |layout: &Layout| {
             let of_scene = |scene: &PagedScene| match scene {
@@ -148,7 +142,7 @@ impl Pages {
     }
 
     /// The entry of a page in the table of levels. A page of a scene without levels is in every cut.
-    fn level(&self, page: usize) -> PageLod {
+    pub fn level(&self, page: usize) -> PageLod {
         self.levels().map_or_else(|| PageLod::always(&self.pages()[page]), |levels| levels[page])
     }
 
@@ -395,6 +389,11 @@ impl Pages {
             }
         }
     }
+}
+
+/// The layout of a scene, with the nodes of its levels if it has them.
+fn layout_of(statistics: &Statistics, options: &Options, has_levels: bool) -> Layout {
+    if has_levels { Layout::of_nodes(statistics, options) } else { Layout::of(statistics, options) }
 }
 
 /// True if words of the layout keep all bits of what they are made of.

@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use crate::lod::{CODES_PER_OCTAVE, NEVER};
+use crate::lod::CODES_PER_OCTAVE;
 use crate::pagefile::write::levels_of_pages;
-use crate::pagefile::{PARTS, Page, PageLod, Pages, SAMPLES};
-use crate::render::shaders::lod::NO_PAGE;
+use crate::pagefile::{PARTS, Page, PageLod, Pages};
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::rules::LOW_PASS;
 
@@ -20,7 +19,7 @@ pub fn steps() -> [u32; STEPS] {
 /// The bounds of a page of a scene that has these views.
 pub fn page_box(pages: &Pages, number: usize, views: &Range<u32>) -> PageBox {
     let Page { low, high, reach, highest_opacity, .. } = pages.pages()[number];
-    let level = pages.levels().map(|levels| levels[number]);
+    let level = pages.level(number);
     // The reach of a splat in standard deviations, with a margin for rounding.
     let deviations = (2.0 * (f64::from(highest_opacity / pages.alpha_min())).max(1.0).ln()).sqrt() * 1.02;
     PageBox {
@@ -28,10 +27,10 @@ pub fn page_box(pages: &Pages, number: usize, views: &Range<u32>) -> PageBox {
         high,
         reach,
         margin_px: (deviations * LOW_PASS.sqrt()) as f32,
-        lod_low: level.map_or(low, |level| level.low),
-        lod_high: level.map_or(high, |level| level.high),
+        lod_low: level.low,
+        lod_high: level.high,
         // Limited, so that the product with a squared pixel width is finite.
-        per_width_squared: level.map_or(0.0, |level| (f64::from(level.reference_width).powi(-2) as f32).min(1e15)),
+        per_width_squared: (f64::from(level.reference_width).powi(-2) as f32).min(1e15),
         first_view: views.start as f32,
         // Of one scene, which may have more instances than a float has whole numbers, all views are its own.
         views: if views.start == 0 { (views.end as f32).next_up() } else { (views.end - views.start) as f32 },
@@ -40,43 +39,27 @@ pub fn page_box(pages: &Pages, number: usize, views: &Range<u32>) -> PageBox {
 
 /// The errors of all pages. Without levels of detail, the errors of a page put it in every cut.
 pub fn errors_of_pages(pages: &Pages) -> Vec<PageErrors> {
-    let Some(levels) = pages.levels() else {
-        return pages.pages().iter().map(|page| page_errors(page, None)).collect();
-    };
     // A scene without levels has its own pages only.
     let numbers = |(pages, count): (Range<usize>, usize)| {
         let mut numbers = levels_of_pages(count);
         numbers.truncate(pages.len());
         numbers
     };
-    let numbers = pages.scenes().into_iter().flat_map(numbers);
-    let of_levels = levels.iter().zip(numbers).map(Some);
-    pages.pages().iter().zip(of_levels).map(|(page, level)| page_errors(page, level)).collect()
+    let numbers = pages.scenes().into_iter().flat_map(numbers).enumerate();
+    numbers.map(|(page, number)| page_errors(pages.pages()[page].count, &pages.level(page), number)).collect()
 }
 
-fn page_errors(page: &Page, level: Option<(&PageLod, u32)>) -> PageErrors {
+fn page_errors(count: u32, level: &PageLod, number: u32) -> PageErrors {
     let pairs =
         |codes: [u16; PARTS]| std::array::from_fn(|i| u32::from(codes[2 * i]) | u32::from(codes[2 * i + 1]) << 16);
-    match level {
-        None => PageErrors {
-            parent: NO_PAGE,
-            count: page.count,
-            level: 0,
-            least_error: 0,
-            errors: pairs([0; PARTS]),
-            parent_errors: pairs([NEVER; PARTS]),
-            squared_errors: pairs([0; PARTS]),
-            samples: [0; SAMPLES],
-        },
-        Some((level, number)) => PageErrors {
-            parent: level.parent,
-            count: page.count,
-            level: number,
-            least_error: level.least_error.into(),
-            errors: pairs(level.errors),
-            parent_errors: pairs(level.parent_errors),
-            squared_errors: pairs(level.squared_errors),
-            samples: level.samples,
-        },
+    PageErrors {
+        parent: level.parent,
+        count,
+        level: number,
+        least_error: level.least_error.into(),
+        errors: pairs(level.errors),
+        parent_errors: pairs(level.parent_errors),
+        squared_errors: pairs(level.squared_errors),
+        samples: level.samples,
     }
 }

@@ -32,7 +32,7 @@ impl Viewer {
 
     /// Selects Gaussians in the place of the request of a pixel's colour.
     pub fn select_alike(&mut self, selection: Selection, mode: SelectionMode) {
-        self.go_on_requesting(selection, mode, (false, false));
+        self.go_on_selecting(Some(self.selecting(selection, mode, (false, false))));
     }
 
     /// Selects during a drag of a range, or at its end.
@@ -40,29 +40,16 @@ impl Viewer {
         self.request_selection(selection.clone(), SelectionMode::Replace, (false, goes_on));
     }
 
-    /// Requests a selection in the place of the request that led to it, before later ones.
-    fn go_on_requesting(&mut self, selection: Selection, mode: SelectionMode, flags: (bool, bool)) {
-        self.request_selection(selection, mode, flags);
-        let request = self.requests.pop();
-        self.go_on_with(request);
-    }
-
-    fn go_on_with(&mut self, request: Option<Request>) {
-        request.into_iter().for_each(|request| self.requests.insert(0, request));
-    }
-
     /// Requests a selection: true if it starts from the edits at the beginning of the stroke, and if its stroke goes
     /// on.
-    fn request_selection(&mut self, selection: Selection, mode: SelectionMode, (restarts, goes_on): (bool, bool)) {
-        let view = self.view.camera();
-        self.requests.push(Request::Select(Selecting {
-            selection,
-            mode,
-            view,
-            restarts,
-            contributions: None,
-            goes_on,
-        }));
+    fn request_selection(&mut self, selection: Selection, mode: SelectionMode, flags: (bool, bool)) {
+        let selecting = self.selecting(selection, mode, flags);
+        self.requests.push(Request::Select(selecting));
+    }
+
+    /// The request of a selection from the current view.
+    fn selecting(&self, selection: Selection, mode: SelectionMode, (restarts, goes_on): (bool, bool)) -> Selecting {
+        Selecting { selection, mode, view: self.view.camera(), restarts, contributions: None, goes_on }
     }
 
     /// Stores contributions, and goes on with the selection that waits for them.
@@ -93,7 +80,9 @@ impl Viewer {
 
     /// Goes on with a selection that waited, before those that were requested meanwhile.
     fn go_on_selecting(&mut self, waiting: Option<Selecting>) {
-        self.go_on_with(waiting.map(Request::Select));
+        if let Some(waiting) = waiting {
+            self.requests.insert(0, Request::Select(waiting));
+        }
     }
 
     fn refuse_values(&mut self, waiting: Option<Selecting>, property: Property, problem: &anyhow::Error) {
@@ -254,10 +243,8 @@ impl Viewer {
 
     /// Notes the edits from which a stroke starts, after an undo step.
     pub fn note_edits(&mut self) {
-        if !self.is_moving() {
-            self.record_undo_step();
-        }
-        self.editing.before = self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect();
+        self.end_undo_step();
+        self.editing.before = self.scenes.edits();
     }
 
     /// Goes back to the edits at the beginning of the stroke.
@@ -307,10 +294,9 @@ impl Viewer {
             }
             return;
         };
-        let view = self.drawn_view();
-        let centre = view.unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth);
-        let ball = Selection::Ball(centre, radius_px * view.pixel_world(depth));
-        self.go_on_requesting(ball, mode, (true, goes_on));
+        let radius = radius_px * self.drawn_view().pixel_world(depth);
+        let ball = Selection::Ball(self.point_at(pixel, depth), radius);
+        self.go_on_selecting(Some(self.selecting(ball, mode, (true, goes_on))));
     }
 
     /// The box that selects: around the pivot, before it is moved.

@@ -70,6 +70,11 @@ impl Viewer {
         match change {
             KeyChange::Show(seconds) => self.show_time(seconds),
             KeyChange::Replace(seconds) => self.insert_key(seconds),
+            KeyChange::Move(index, seconds) => {
+                if let Err(problem) = self.film.timeline.retime(index, seconds) {
+                    self.messages.note(format!("{problem:#}"));
+                }
+            }
             KeyChange::Rest(index, rests) => self.film.timeline.set_rest(index, rests),
             KeyChange::Remove(index) => drop(self.film.timeline.remove(index)),
         }

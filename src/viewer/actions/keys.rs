@@ -107,9 +107,7 @@ impl Viewer {
 
     fn change_by_key(&mut self, change: Change) {
         if self.is_editing() && self.pointer.stroke.is_none() {
-            if !self.is_moving() {
-                self.record_undo_step();
-            }
+            self.end_undo_step();
             self.change(change);
         }
     }

@@ -1,6 +1,6 @@
 //! Actions that measure with points, and place a scene by them.
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
 use crate::scene::Transform;
 use crate::viewer::model::{LengthUnit, Measure, MeasureKind, Placement, Request, Viewer, WindowRequest, aligning};
@@ -9,7 +9,7 @@ impl Viewer {
     /// Adds the point at a pixel to the open measure, and copies its position; `depth` is its view z in world units.
     pub fn mark(&mut self, pixel: [u32; 2], depth: Option<f32>) {
         let Some(depth) = depth else { return self.messages.note("there is nothing at this pixel") };
-        let point = self.drawn_view().unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, f64::from(depth));
+        let point = self.point_at(pixel, depth.into());
         self.record_undo_step();
         self.measure(point);
         let position = format!("{:.6}, {:.6}, {:.6}", point.x, point.y, point.z);

@@ -18,7 +18,7 @@ impl Viewer {
             timeline: self.film.timeline.clone(),
             layers: self.scenes.layers.iter().map(layer).collect(),
             parts: self.scenes.layers.iter().filter(|layer| layer.part.is_some()).map(|layer| layer.number).collect(),
-            edits: self.scenes.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect(),
+            edits: self.scenes.edits(),
             measures: self.measures.clone(),
         }
     }
@@ -40,6 +40,13 @@ impl Viewer {
             self.editing.undo.limit(STEPS);
         }
         self.editing.undo.current = Some(now);
+    }
+
+    /// Ends the undo step before another change, unless the view moves: a motion is one step.
+    pub fn end_undo_step(&mut self) {
+        if !self.is_moving() {
+            self.record_undo_step();
+        }
     }
 
     /// Undoes the last step or, with `forward`, redoes it.

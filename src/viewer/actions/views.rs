@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::anyhow;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use crate::camera::{Lens, LensChoice, NamedCamera};
 use crate::scene::Focus;
@@ -192,7 +192,7 @@ impl Viewer {
     /// Moves the pivot to the point at a pixel; `depth` is its view z in world units, `None` where nothing is drawn.
     pub fn focus(&mut self, pixel: [u32; 2], depth: Option<f32>) {
         let Some(depth) = depth else { return self.messages.note("there is nothing at this pixel") };
-        let point = self.drawn_view().unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, f64::from(depth));
+        let point = self.point_at(pixel, depth.into());
         self.view.navigator.focus(point);
     }
 

@@ -25,6 +25,8 @@ pub enum KeyChange {
     Show(f64),
     /// Replace it by the view that is shown.
     Replace(f64),
+    /// Move it to this time.
+    Move(usize, f64),
     Rest(usize, bool),
     Remove(usize),
 }
@@ -44,7 +46,18 @@ impl Default for Film {
     }
 }
 
+/// Least seconds between keys that are moved.
+const KEY_GAP: f64 = 0.05;
+
 impl Film {
+    /// The least and the greatest time that a key can be moved to, of which the last key has none: keys keep their
+    /// order, so that a dragged key replaces no other and stays under the pointer.
+    pub fn room_of(&self, index: usize) -> (f64, Option<f64>) {
+        let seconds = |index: usize| self.timeline.keys().get(index).map(|key| key.seconds);
+        let low = index.checked_sub(1).and_then(seconds).map_or(0.0, |before| before + KEY_GAP);
+        (low, seconds(index + 1).map(|next| (next - KEY_GAP).max(low)))
+    }
+
     /// The time of the last key, in seconds.
     pub fn end(&self) -> f64 {
         self.timeline.keys().last().map_or(0.0, |key| key.seconds)

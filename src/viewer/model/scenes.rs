@@ -1,6 +1,6 @@
 //! The open scenes of a viewer, and the project that is being opened.
 
-use super::edit::{Counts, Edit};
+use super::edit::{Counts, Edit, Edits};
 use super::layers::Layer;
 use super::loaded_scene::LoadedScene;
 use super::project::Project;
@@ -59,6 +59,11 @@ impl Scenes {
     /// Bounds of the main content of all shown scenes; `None` if no shown scene is loaded.
     pub fn focus(&self) -> Option<Focus> {
         self.shown().filter_map(Layer::placed_focus).reduce(Focus::joined)
+    }
+
+    /// The edits of all layers, by their numbers.
+    pub fn edits(&self) -> Edits {
+        self.layers.iter().map(|layer| (layer.number, layer.edit.clone())).collect()
     }
 
     /// Numbers of selected, hidden and deleted Gaussians in all scenes.

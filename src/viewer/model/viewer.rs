@@ -1,6 +1,7 @@
 //! The state of a viewer: scenes, view, options, and running jobs. Actions change it, panels show it.
 
 use anyhow::Result;
+use glam::{DVec2, DVec3};
 
 use super::cameras::Cameras;
 use super::comparison::{CompareTarget, Comparison, PictureContent, PictureOf, with_rules_of_scene};
@@ -122,6 +123,11 @@ impl Viewer {
     /// The view of the picture that is seen: the current view, unless it has moved since the last drawing.
     pub fn drawn_view(&self) -> Camera {
         self.pictures.view.clone().unwrap_or_else(|| self.view.camera())
+    }
+
+    /// The point of the picture that is seen at a pixel, at this view z in world units.
+    pub fn point_at(&self, pixel: [u32; 2], depth: f64) -> DVec3 {
+        self.drawn_view().unprojected(DVec2::from(pixel.map(f64::from)) + 0.5, depth)
     }
 
     /// The content of the first picture; `None` if it shows no scene.

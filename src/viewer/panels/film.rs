@@ -19,21 +19,17 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     export(viewer, ui);
 }
 
-/// Least seconds between keys that are dragged.
-const KEY_GAP: f64 = 0.05;
-
 fn keys(viewer: &mut Viewer, ui: &mut Ui) {
-    let (mut moved, mut change) = (None, None);
+    let mut change = None;
     let keys = viewer.film.timeline.keys();
     for (i, key) in keys.iter().enumerate() {
-        // Keys keep their order, so that a dragged key replaces no other and stays under the pointer.
-        let low = if i == 0 { 0.0 } else { keys[i - 1].seconds + KEY_GAP };
-        let high = keys.get(i + 1).map_or(3600.0, |next| next.seconds - KEY_GAP).max(low);
+        let (low, high) = viewer.film.room_of(i);
+        let high = high.unwrap_or(low.max(3600.0));
         ui.horizontal(|ui| {
             let mut seconds = key.seconds;
             let field = DragValue::new(&mut seconds).speed(0.05).range(low..=high).clamp_existing_to_range(false);
             if ui.add(field.suffix(" s")).changed() {
-                moved = Some((i, seconds));
+                change = Some(KeyChange::Move(i, seconds));
             }
             let mut rests = key.rests;
             let hint = "The motion slows down before this key, stands still, and speeds up after it";
@@ -51,11 +47,6 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
                 }
             }
         });
-    }
-    if let Some((i, seconds)) = moved
-        && let Err(problem) = viewer.film.timeline.retime(i, seconds)
-    {
-        viewer.messages.note(format!("{problem:#}"));
     }
     if let Some(change) = change {
         viewer.change_key(change);

@@ -148,8 +148,7 @@ fn drop_hint(free: Rect, context: &Context) {
 /// The messages over the picture, in the lower left corner: errors have a place in the panel, if that is shown.
 fn messages(viewer: &mut Viewer, free: Rect, context: &Context) {
     let shows_errors = viewer.panels.are_hidden;
-    let shown = viewer.messages.shown().iter();
-    let has_errors = shows_errors && shown.into_iter().any(|message| message.is_error);
+    let has_errors = shows_errors && viewer.messages.shown().iter().any(|message| message.is_error);
     let corner = free.left_bottom() + Vec2::new(12.0, -12.0);
     let area = Area::new(MESSAGES.into()).pivot(Align2::LEFT_BOTTOM).fixed_pos(corner);
     // Notes go by themselves, and a click on one is meant for the picture below. Messages lie over the start page.

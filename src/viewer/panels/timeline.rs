@@ -15,9 +15,6 @@ const TICK: f32 = 56.0;
 const PARTS: usize = 160;
 /// Most keys that can be dragged; the page Path lists all.
 const DRAGGED: usize = 200;
-/// Least seconds between keys that are dragged.
-const KEY_GAP: f64 = 0.05;
-
 /// Shows the timeline at the lower edge of what is left of the window.
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     Panel::bottom("timeline").resizable(false).show(ui, |ui| {
@@ -134,7 +131,6 @@ fn track(viewer: &mut Viewer, ui: &mut Ui) {
 /// The marks of keys, which can be dragged.
 fn keys(viewer: &mut Viewer, axis: &Axis, ui: &mut Ui) {
     let keys = viewer.film.timeline.keys();
-    let (mut moved, mut shown) = (None, None);
     let mut change = None;
     for (i, key) in keys.iter().enumerate() {
         let at = pos2(axis.x(key.seconds), axis.rect.top() + KEY + 4.0);
@@ -153,13 +149,11 @@ fn keys(viewer: &mut Viewer, axis: &Axis, ui: &mut Ui) {
         if response.dragged()
             && let Some(pos) = response.interact_pointer_pos()
         {
-            // Keys keep their order, so that a dragged key replaces no other and stays under the pointer.
-            let low = if i == 0 { 0.0 } else { keys[i - 1].seconds + KEY_GAP };
-            let high = keys.get(i + 1).map_or(f64::INFINITY, |next| next.seconds - KEY_GAP).max(low);
-            moved = Some((i, axis.seconds(pos).clamp(low, high)));
+            let (low, high) = viewer.film.room_of(i);
+            change = Some(KeyChange::Move(i, axis.seconds(pos).clamp(low, high.unwrap_or(f64::INFINITY))));
         }
         if response.clicked() {
-            shown = Some(key.seconds);
+            change = Some(KeyChange::Show(key.seconds));
         }
         let rests = if key.rests { ", rests" } else { "" };
         let response = response.on_hover_text(format!(
@@ -181,14 +175,6 @@ fn keys(viewer: &mut Viewer, axis: &Axis, ui: &mut Ui) {
                 }
             }
         });
-    }
-    if let Some((i, seconds)) = moved
-        && let Err(problem) = viewer.film.timeline.retime(i, seconds)
-    {
-        viewer.messages.note(format!("{problem:#}"));
-    }
-    if let Some(seconds) = shown {
-        viewer.show_time(seconds);
     }
     if let Some(change) = change {
         viewer.change_key(change);
