@@ -332,7 +332,8 @@ fn blend(device: &Device, list: u32) -> Result<Bench<'_>> {
                 image: &image,
             };
             let (size_px, background) = ([SIDE; 2], [0.0; 3]);
-            let push = BlendPush { size_px, tiles, background, pass_begin: 0, pass_limit: u32::MAX, last_pass: 1 };
+            let push =
+                BlendPush { size_px, top_px: 0, tiles, background, pass_begin: 0, pass_limit: u32::MAX, last_pass: 1 };
             cmd.scope("blend", |cmd| cmd.dispatch(&stage, bindings, push, DispatchSize::Groups(tiles.into())));
         }),
     })

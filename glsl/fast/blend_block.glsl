@@ -31,6 +31,8 @@ layout(push_constant, scalar) uniform Push {
     vec3 background;
 #ifdef RAYS
     uint is_parallel;
+#else
+    uint top_px;  // row of the picture that is the first of the image
 #endif
 } push;
 
@@ -55,7 +57,7 @@ const uint AT_ONCE = PIXELS == 1 ? 8 : 4;
 #endif
 
 // The state of this lane's pixels of a block.
-uvec2 pixel;             // px, the first pixel of the lane
+uvec2 pixel;             // px of the image, the first pixel of the lane
 // A pixel that goes on has the transmittance `live` and stops when that falls below `limit`. A pixel that has stopped
 // has `live` = 0 and `limit` < 0, and its transmittance is `last`. All three are multiplied by UNIT, so that alpha
 // times T is exp2(exponent) times `live`.

@@ -38,7 +38,7 @@ vec2 middle;         // px, the middle of the block
 float x, y[PIXELS];  // px, the centres of the lane's pixels relative to the middle
 
 void place_pixels(uvec2 corner, uvec2 lane_place) {
-    middle = vec2(corner) + 0.5 * vec2(BLOCK);
+    middle = vec2(corner + uvec2(0, push.top_px)) + 0.5 * vec2(BLOCK);
     x = float(lane_place.x) + 0.5 - 0.5 * float(BLOCK.x);
     for (uint k = 0; k < PIXELS; k++) y[k] = float(lane_place.y + k * ROWS) + 0.5 - 0.5 * float(BLOCK.y);
 }

@@ -52,7 +52,7 @@ void make_splat(uint gaussian, float z, bool exists) {
     uvec4 stored[SH_VECTORS];
     if (SH_EARLY && exists) fetch_sh(gaussian, stored);
     if (exists) project(gaussian, p, z, splat, ellipse);
-    uvec2 rows = tile_rows(ellipse, VIEW.size_px);  // first, count
+    uvec2 rows = tile_rows(ellipse, VIEW);  // first, count
 
     uint row_spans = rows.y > 1 ? rows.y : 0;
     // Any order is right, here and below: lists are sorted later, and spans are found through their range.
@@ -84,7 +84,7 @@ void make_splat(uint gaussian, float z, bool exists) {
     if (!kept) return;
     gaussian_from_splat[index] = INDEX_OF(gaussian);
     uint place = rows.y == 1 ? tile_span(ellipse, rows.x, VIEW.size_px) : offset;
-    span_ranges[index] = uvec2(place, rows.x | rows.y << 16);
+    span_ranges[index] = uvec2(place, drawn_row(rows.x, VIEW) | rows.y << 16);
     depth_keys[index] = depth_key(mean, z);
     if (!SH_EARLY) fetch_sh(gaussian, stored);
     splat.colour = marked_colour(bounds[gaussian].w, stored_colour(stored, direction(p)));

@@ -18,13 +18,14 @@ layout(binding = 5, scalar) readonly buffer DispatchesBlock { FastDispatches dis
 layout(push_constant, scalar) uniform Push {
     uint bins_x;
     uint block_height;  // px
+    uint top_px;  // first row of the picture that is drawn
 } push;
 
 #include "fast/blocks_reached.glsl"
 
 uint mask_of(uint splat, uint bin) {
     uvec2 bin_px = uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(BLOCK_WIDTH, push.block_height);
-    vec2 corner = vec2(uvec2(bin % push.bins_x, bin / push.bins_x) * bin_px);
+    vec2 corner = vec2(uvec2(bin % push.bins_x, bin / push.bins_x) * bin_px + uvec2(0, push.top_px));
     vec4 a = uintBitsToFloat(splats[splat * SPLAT_WORDS]);
     vec2 b = uintBitsToFloat(splats[splat * SPLAT_WORDS + 1].xy);
     return blocks_reached(corner - a.xy, vec3(a.zw, b.x), border_of(b.y), abs(a.x), 0.0);

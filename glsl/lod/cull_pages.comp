@@ -17,6 +17,7 @@ layout(push_constant, scalar) uniform Push {
     vec2 focal_px;
     vec2 centre_px;
     uvec2 size_px;
+    uint band;  // rows that are drawn: View.band
     float per_focal_squared;  // 1 / the larger focal length^2
     uint pages;
     uint views;  // the most of a page
@@ -63,9 +64,10 @@ uint samples_in_image(uint page, PageBox box) {
     return found;
 }
 
-// True if a splat of the page may touch the image. A bound: the cull test (cull_test.glsl) with the extremes of the
-// box, as in PageCuller::page for whole bins, with slack for the rounding of f32.
-bool may_be_seen(PageBox box) {
+// True if a splat of the page may touch the image; `is_drawn`: its drawn rows. A bound: the cull test (cull_test.glsl)
+// with the extremes of the box, as in PageCuller::page for whole bins, with slack for the rounding of f32.
+bool may_be_seen(PageBox box, out bool is_drawn) {
+    is_drawn = false;
     if (box.reach < 0.0) return false;
     vec3 half_size = 0.5 * (box.high - box.low);
     vec3 centre = to_view(box.low + half_size);
@@ -85,6 +87,8 @@ bool may_be_seen(PageBox box) {
     vec2 from = push.focal_px * least + push.centre_px, to = push.focal_px * most + push.centre_px;
     vec2 more = extent + 1e-5 * (extent + max(abs(from), abs(to)) + push.focal_px) + 1.0;
     // Also false for NaN: the page then counts as visible.
+    float top = float(push.band & 0xffff), end = top + float(push.band >> 16);
+    is_drawn = !(to.y + more.y < top || from.y - more.y > end);
     return !(any(lessThan(to + more, vec2(0.0))) || any(greaterThan(from - more, size)));
 }
 
@@ -98,11 +102,12 @@ void main() {
     view = placed_view_of(uintBitsToFloat(draw_list[first]), uintBitsToFloat(draw_list[first + 1]),
         uintBitsToFloat(draw_list[first + 2]), uintBitsToFloat(draw_list[first + 3]),
         uintBitsToFloat(draw_list[first + 4]));
-    if (!may_be_seen(box)) return;
+    bool is_drawn;
+    if (!may_be_seen(box, is_drawn)) return;
     uint parent = errors[page].parent;
     vec2 widths = vec2(width_squared(page), parent == NO_PAGE ? 0.0 : width_squared(parent));
     // Samples may miss a page that is small in the image; with weight 0, the coarsest level would be free of error.
     uint weight = max(samples_in_image(page, box), 1);
     uint before = atomicAdd(state.in_view, 1);
-    if (before < push.capacity) in_view[before] = packed(PageInView(page, number_of_view, weight, widths));
+    if (before < push.capacity) in_view[before] = packed(PageInView(page, is_drawn, number_of_view, weight, widths));
 }

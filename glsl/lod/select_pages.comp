@@ -73,21 +73,23 @@ void main() {
     uvec2 selected_limits = limits_of(seen_page, limit_squared);
     uint slot = slots[number], parent_error = CODE(page.parent_errors, PARTS - 1);
     uvec2 fallback = uvec2(fallback_limits[number] & 65535, fallback_limits[number] >> 16);
-    if (push.stamp > 0 && parent_error > selected_limits.y) {
+    if (push.stamp > 0 && seen_page.is_drawn && parent_error > selected_limits.y) {
         bool is_coarser = slot == NO_SLOT || fallback.y > selected_limits.y;
         use_page(number, parent_error, seen_page.widths.y, selected_limits.y, is_coarser);
     }
     // Clamps the level where finer pages are missing.
     uvec2 limits = max(selected_limits, fallback);
     if (!is_in_cut(page, limits)) return;
+    Remaining remaining = remaining_of(seen_page, page, limits);
+    // The counts are of the whole picture, also where a band of it is drawn.
+    ADD(state.nodes, uvec2(nodes_of(remaining), 0));
+    ADD(state.squared_error, error_in_units(squared_error_of(remaining, seen_page, page)));
+    if (!seen_page.is_drawn) return;
     uint position = atomicAdd(state.selected, 1);
     if (push.stamp == 0 && slot == NO_SLOT) atomicAdd(state.missing, 1);
-    Remaining remaining = remaining_of(seen_page, page, limits);
     float lag = float(limits.x - selected_limits.x) / float(CODES_PER_OCTAVE);
     uint attributes = packed_attributes(page.level, lag, squared_error_of_node(remaining, seen_page, page));
     uint last = (slot == NO_SLOT ? 0 : page.count) | attributes << COUNT_BITS | HAS_INDICES;
     draw_list[push.first_page + position] = uvec4(slot, limits.x | limits.y << 16, seen_page.view, last);
     page_numbers[position] = number;
-    ADD(state.nodes, uvec2(nodes_of(remaining), 0));
-    ADD(state.squared_error, error_in_units(squared_error_of(remaining, seen_page, page)));
 }

@@ -51,17 +51,19 @@ struct SelectionState {
 // A page in view, packed in one element of the list `in_view`.
 struct PageInView {
     uint page;
+    bool is_drawn;  // it may touch the rows that are drawn
     uint view;    // its placed view
     uint weight;  // number of its samples in the image, at least 1
     vec2 widths;  // squared factors of an error limit: for its nodes, for their parents
 };
-const uint WEIGHT_SHIFT = 25;
+const uint WEIGHT_SHIFT = 25, PAGE_BITS = 31;
 
 uvec4 packed(PageInView page) {
-    return uvec4(page.page, page.view | page.weight << WEIGHT_SHIFT, floatBitsToUint(page.widths));
+    return uvec4(page.page | uint(page.is_drawn) << PAGE_BITS, page.view | page.weight << WEIGHT_SHIFT, floatBitsToUint(page.widths));
 }
 
 PageInView page_in_view_of(uvec4 element) {
     uint view = bitfieldExtract(element.y, 0, int(WEIGHT_SHIFT));
-    return PageInView(element.x, view, element.y >> WEIGHT_SHIFT, uintBitsToFloat(element.zw));
+    uint page = bitfieldExtract(element.x, 0, int(PAGE_BITS));
+    return PageInView(page, element.x >> PAGE_BITS == 1, view, element.y >> WEIGHT_SHIFT, uintBitsToFloat(element.zw));
 }

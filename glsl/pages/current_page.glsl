@@ -1,6 +1,6 @@
 // The current page of a dispatch and its view, and the Gaussian of an element of a compacted list, which counts 1024
 // elements for every page of the draw list.
-// Requires: page.glsl, draw_list[], push.first_page, push.focal_px, push.centre_px, push.size_px
+// Requires: page.glsl, draw_list[], push.first_page, push.focal_px, push.centre_px, push.size_px, push.band
 
 View current_view;
 float scale;
@@ -13,7 +13,7 @@ void set_current_page(uint number) {
     PlacedView placed = placed_view_of(uintBitsToFloat(draw_list[view]), uintBitsToFloat(draw_list[view + 1]),
         uintBitsToFloat(draw_list[view + 2]), uintBitsToFloat(draw_list[view + 3]),
         uintBitsToFloat(draw_list[view + 4]));
-    current_view = view_of(placed, push.focal_px, push.centre_px, push.size_px);
+    current_view = view_of(placed, push.focal_px, push.centre_px, push.size_px, push.band);
     scale = placed.scale;
 }
 

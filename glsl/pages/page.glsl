@@ -40,7 +40,7 @@ PlacedView placed_view_of(vec4 a, vec4 b, vec4 c, vec4 d, vec4 e) {
     return PlacedView(a.xyz, vec3(a.w, b.xy), vec3(b.zw, c.x), c.yzw, d.xyz, vec3(d.w, e.xy), e.z, e.w);
 }
 
-View view_of(PlacedView placed, vec2 focal_px, vec2 centre_px, uvec2 size_px) {
+View view_of(PlacedView placed, vec2 focal_px, vec2 centre_px, uvec2 size_px, uint band) {
     return View(placed.right, placed.down, placed.forward, placed.forward_low, placed.position_high,
-        placed.position_low, focal_px, centre_px, size_px, placed.near);
+        placed.position_low, focal_px, centre_px, size_px, band, placed.near);
 }

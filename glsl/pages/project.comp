@@ -37,6 +37,7 @@ layout(push_constant, scalar) uniform Push {
     vec2 focal_px;
     vec2 centre_px;
     uvec2 size_px;
+    uint band;  // rows that are drawn: View.band
     float near;        // world units
     uint first_page;   // the element of `draw_list` with the first page; the element before it has the number of pages
     uint visible_capacity;

@@ -17,7 +17,8 @@ layout(binding = 3, scalar) buffer TotalsBlock { Totals totals; };
 layout(binding = 4, rgba32f) uniform image2D image;
 layout(binding = 5, rgba32f) uniform image2D certificate;
 layout(push_constant, scalar) uniform Push {
-    uvec2 size_px;
+    uvec2 size_px;            // of the image
+    uint top_px;              // row of the picture that is the first of the image
     uint tiles;
     vec3 background;
     uint pass_begin;          // instances of each list that earlier passes blended

@@ -22,7 +22,7 @@ void main() {
     Ellipse ellipse = EMPTY_ELLIPSE;
     float z = max(depth_of(mean, VIEW), VIEW.near);
     if (exists) project(gaussian, p, z, splat, ellipse);
-    uvec2 rows = tile_rows(ellipse, VIEW.size_px);  // first, count
+    uvec2 rows = tile_rows(ellipse, VIEW);  // first, count
 
     uint total;
     uint offset = workgroup_exclusive_add(rows.y, total);
@@ -43,7 +43,7 @@ void main() {
         if (before + total < before) atomicAdd(totals.listed_high, 1);
     }
     if (!exists) return;
-    span_ranges[index] = tiles == 0 ? uvec2(0) : uvec2(offset, rows.x | rows.y << 16);
+    span_ranges[index] = tiles == 0 ? uvec2(0) : uvec2(offset, drawn_row(rows.x, VIEW) | rows.y << 16);
     tile_counts[index] = tiles;
     depth_keys[index] = tiles == 0 ? push.depth_limit : min(depth_key(mean, z), push.depth_limit - 1);
     if (tiles > 0) {

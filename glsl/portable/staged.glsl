@@ -1,5 +1,5 @@
 // The splats of a batch in workgroup memory, and where pixels see them: at their centres.
-// Requires: portable/blend_splat.glsl
+// Requires: portable/blend_splat.glsl, push.top_px
 #define SPLAT Splat
 #define PLACE vec2  // px
 
@@ -7,8 +7,9 @@ shared vec2 staged_mean[WORKGROUP];
 shared vec4 staged_weight[WORKGROUP];  // factor, opacity
 shared vec4 staged_look[WORKGROUP];    // colour, and the falloff beyond which the splat is not drawn
 
+// The centre of a pixel of the image in the picture, of which the image may be a band.
 PLACE place_of(uvec2 pixel) {
-    return vec2(pixel) + 0.5;
+    return vec2(pixel + uvec2(0, push.top_px)) + 0.5;
 }
 
 bool sees(PLACE centre) {

@@ -27,8 +27,10 @@ bool may_be_visible(uvec4 bound, out float z) {
     // px, covers the rounding of everything above; the first term covers that of the view transform.
     vec2 slack = 1e-6 * VIEW.focal_px * sqrt(1.0 + dot(slope, slope)) + 1e-5 * (extent + abs(mean_px)) + 0.01;
     vec2 from = mean_px - extent - slack, to = mean_px + extent + slack;
-    // The box meets the image and holds a pixel centre. Many splats whose opacity is hardly above ALPHA_MIN hold none.
-    return all(greaterThanEqual(to, vec2(0.0))) && all(lessThanEqual(from, size))
+    // The box meets the drawn rows and holds a pixel centre. Many splats whose opacity is hardly above ALPHA_MIN hold
+    // none.
+    vec2 rows = vec2(drawn_rows(VIEW));
+    return all(greaterThanEqual(to, vec2(0.0, rows.x))) && all(lessThanEqual(from, vec2(size.x, rows.y)))
         && all(lessThanEqual(ceil(from - 0.5), floor(to - 0.5)));
 }
 

@@ -1,5 +1,5 @@
 // The exact ellipse-tile test: finds the tiles whose pixel centres a splat's ellipse alpha = ALPHA_MIN meets, by rows.
-// Requires: LISTED, the width and height in px of what splats are listed in
+// Requires: frame.glsl, and LISTED, the width and height in px of what splats are listed in
 // That is a tile of the portable path or a bin of the fast path; this file calls both a tile.
 // A row meets a convex set in an interval, whose ends lie at the set's extreme points or at the row's borders (the idea
 // of AccuTile, Hanson et al. 2024). Sums of squares and clamped roots make special cases for needles unnecessary.
@@ -53,9 +53,10 @@ Ellipse broadcast_ellipse(Ellipse e, uint from) {
         subgroupBroadcast(e.rightmost_y, from));
 }
 
-// The tiles along one axis whose pixel centres the interval [low, high] (px) meets, as (first, count).
-uvec2 tiles_between(float low, float high, uint size_px, uint side_px) {
-    uint tiles = (size_px + side_px - 1) / side_px;
+// The tiles of the pixels from `range.x` to `range.y` along one axis whose pixel centres the interval [low, high] (px)
+// meets, as (first, count). A tile begins at `range.x`.
+uvec2 tiles_between(float low, float high, uvec2 range, uint side_px) {
+    float least = float(range.x / side_px), most = float((range.y + side_px - 1) / side_px);
     float side = float(side_px);
     // The pixel centres of tile t lie from side * t + 0.5 to side * t + side - 0.5.
     float first = ceil((low - (side - 0.5)) / side);
@@ -66,23 +67,23 @@ uvec2 tiles_between(float low, float high, uint size_px, uint side_px) {
         end = floor((high - 0.5 + side - 1.0) / side);
     }
     // Clamped as floats, because casts out of range are undefined.
-    first = clamp(first, 0.0, float(tiles));
-    end = clamp(end, 0.0, float(tiles));
+    first = clamp(first, least, most);
+    end = clamp(end, least, most);
     // The comparisons are false for NaN, which gives no tile.
     return end > first && low <= high ? uvec2(uint(first), uint(end) - uint(first)) : uvec2(0);
 }
 
-// The tile rows that the ellipse may meet, as (first, count). There is no row if the ellipse misses the image to the
-// left or right, or lies between pixel centres, as many splats do whose opacity is hardly above ALPHA_MIN.
-uvec2 tile_rows(Ellipse e, uvec2 size_px) {
+// The tile rows of the view that the ellipse may meet, as (first, count). There is no row if the ellipse misses the
+// image to the left or right, or lies between pixel centres, as many splats do whose opacity is hardly above ALPHA_MIN.
+uvec2 tile_rows(Ellipse e, View view) {
     if (!(e.extent.x >= 0.0)) return uvec2(0);
     // EXTENT_THREE_SIGMA_SQUARES has the tiles of the original, without an allowance for rounding.
     vec2 reach = e.extent + (EXTENT == EXTENT_THREE_SIGMA_SQUARES ? vec2(0.0) : 1e-6 * abs(e.mean_px));
     vec2 low = e.mean_px - reach, high = e.mean_px + reach;
     bool between_centres = any(greaterThan(ceil(low - 0.5), floor(high - 0.5)));
     if (between_centres && EXTENT != EXTENT_THREE_SIGMA_SQUARES) return uvec2(0);
-    if (tiles_between(low.x, high.x, size_px.x, LISTED.x).y == 0) return uvec2(0);
-    return tiles_between(low.y, high.y, size_px.y, LISTED.y);
+    if (tiles_between(low.x, high.x, uvec2(0, view.size_px.x), LISTED.x).y == 0) return uvec2(0);
+    return tiles_between(low.y, high.y, drawn_rows(view), LISTED.y);
 }
 
 // The horizontal chord at y (px, relative to the mean), as (x of its centre, half width).
@@ -93,7 +94,8 @@ vec2 chord(Ellipse e, float y) {
 // The tiles of one row that the ellipse meets, packed as first | end << 16.
 uint tile_span(Ellipse e, uint row, uvec2 size_px) {
     if (EXTENT == EXTENT_THREE_SIGMA_SQUARES) {
-        uvec2 columns = tiles_between(e.mean_px.x - e.extent.x, e.mean_px.x + e.extent.x, size_px.x, LISTED.x);
+        uvec2 columns = tiles_between(
+            e.mean_px.x - e.extent.x, e.mean_px.x + e.extent.x, uvec2(0, size_px.x), LISTED.x);
         return columns.x | (columns.x + columns.y) << 16;
     }
     float low = max(float(row * LISTED.y) + 0.5 - e.mean_px.y, -e.extent.y);
@@ -105,8 +107,13 @@ uint tile_span(Ellipse e, uint row, uvec2 size_px) {
     float slack = 1e-6 * (abs(right.x) + abs(left.x) + right.y + left.y + abs(e.mean_px.x)) + 1e-4;
     float first_px = e.mean_px.x + left.x - left.y - slack;
     float last_px = e.mean_px.x + right.x + right.y + slack;
-    uvec2 tiles = tiles_between(first_px, last_px, size_px.x, LISTED.x);
+    uvec2 tiles = tiles_between(first_px, last_px, uvec2(0, size_px.x), LISTED.x);
     return tiles.x | (tiles.x + tiles.y) << 16;
+}
+
+// The row among those that are drawn of a tile row of the picture.
+uint drawn_row(uint row, View view) {
+    return row - drawn_rows(view).x / LISTED.y;
 }
 
 uint span_length(uint span) {

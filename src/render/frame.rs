@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
+use super::band::Band;
 use super::scene::GpuScene;
 use super::shaders::{Slab, View};
 use crate::camera::Camera;
@@ -12,11 +13,35 @@ use crate::options::Options;
 use crate::rules::{Background, Footprint, LISTED_ALPHA, Order, Rules, TILE};
 use crate::scene::Bounds;
 
-/// The scene and the camera of one frame.
+/// The scene and the camera of one frame, and the part of the picture that it draws.
 #[derive(Clone, Copy)]
 pub struct Shot<'a> {
     pub scene: &'a GpuScene,
     pub camera: &'a Camera,
+    /// The rows that are drawn.
+    pub band: Band,
+}
+
+impl<'a> Shot<'a> {
+    /// The whole picture of a camera.
+    pub fn new(scene: &'a GpuScene, camera: &'a Camera) -> Self {
+        Self { scene, camera, band: Band::whole(camera.size_px) }
+    }
+
+    /// Width and height of the image.
+    pub(super) fn size(&self) -> [u32; 2] {
+        self.band.size(self.camera.size_px)
+    }
+
+    /// The number of tiles of the image.
+    pub(super) fn tiles(&self) -> u32 {
+        tiles(self.size()).iter().product()
+    }
+
+    /// The camera as the shaders read it.
+    pub(super) fn view(&self, near: f32) -> View {
+        View { band: self.band.word(), ..view(self.camera, near) }
+    }
 }
 
 /// The images that a frame is drawn into, and the background.
@@ -107,6 +132,7 @@ pub fn view(camera: &Camera, near: f32) -> View {
         focal_px: camera.focal_px.as_vec2().to_array(),
         centre_px: camera.centre_px.as_vec2().to_array(),
         size_px: camera.size_px,
+        band: Band::whole(camera.size_px).word(),
         near,
     }
 }

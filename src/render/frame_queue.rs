@@ -3,6 +3,7 @@
 
 use anyhow::{Result, bail};
 
+use super::band::Band;
 use super::capacity::MAX_ATTEMPTS;
 use super::inspect::{Inspection, Inspector};
 use super::pack::Packer;
@@ -127,6 +128,7 @@ pub struct FrameQueue {
 /// A view on the GPU.
 pub struct QueuedFrame {
     camera: Camera,
+    band: Option<Band>,
     background: Background,
     host: HostFrame,
     /// One or two submissions.
@@ -168,10 +170,26 @@ impl FrameQueue {
         camera: &Camera,
         background: Background,
         outputs: &FrameOutputs,
+        host: HostFrame,
+    ) -> Result<QueuedFrame> {
+        self.start_band((camera, None), background, outputs, host)
+    }
+
+    /// Submits a band of a view, or with `None` all of it, like [`FrameQueue::start`].
+    ///
+    /// # Errors
+    /// If memory runs out, the device is lost, or the view has no bands: [`Renderer::undividable`].
+    pub fn start_band(
+        &mut self,
+        (camera, band): (&Camera, Option<Band>),
+        background: Background,
+        outputs: &FrameOutputs,
         mut host: HostFrame,
     ) -> Result<QueuedFrame> {
-        host.fit(&self.device, outputs, camera.size_px)?;
-        self.prepare(outputs, camera.size_px)?;
+        let size = band.unwrap_or(Band::whole(camera.size_px)).size(camera.size_px);
+        host.fit(&self.device, outputs, size)?;
+        self.prepare(outputs, size)?;
+        self.renderer.set_band(band);
         let mut cmd = Commands::new(&self.device)?;
         let (mut recorded, mut commands) = (Vec::new(), Vec::new());
         if !outputs.picture.is_empty() {
@@ -190,7 +208,7 @@ impl FrameQueue {
         }
         let camera = camera.clone();
         commands.push(cmd.submit()?);
-        Ok(QueuedFrame { camera, background, host, commands, recorded })
+        Ok(QueuedFrame { camera, band, background, host, commands, recorded })
     }
 
     /// Makes the stages and buffers that the view needs.
@@ -234,13 +252,13 @@ impl FrameQueue {
     /// If memory runs out or the device is lost.
     pub fn finish(&mut self, mut view: QueuedFrame) -> Result<Finished> {
         for attempts in 1..=MAX_ATTEMPTS {
-            let QueuedFrame { camera, background, host, commands, recorded } = view;
+            let QueuedFrame { camera, band, background, host, commands, recorded } = view;
             let results: Vec<Results> = commands.into_iter().map(InFlight::wait).collect::<Result<_>>()?;
             if let Some(frames) = self.judge(&results, &recorded, attempts)? {
                 return Ok(Finished { frames, host });
             }
             let outputs = host.outputs.clone();
-            view = self.start(&camera, background, &outputs, host)?;
+            view = self.start_band((&camera, band), background, &outputs, host)?;
         }
         bail!("the frame did not fit its buffers in {MAX_ATTEMPTS} attempts, although they grew to what it counted")
     }

@@ -4,7 +4,7 @@
 //! `RENDER_ROOMS` in `tests/architecture/layers.rs` is the whole table.
 //!
 //! **Ground.** `shaders` are the typed interfaces of `glsl/`, written by `build.rs`. `capacity` counts the elements of
-//! buffers, and their growth. `path` is the path and the limits of a frame. `readback`, `pack` and `upscale` handle
+//! buffers, and their growth. `band` is the part of a picture that a frame draws. `path` is the path and the limits of a frame. `readback`, `pack` and `upscale` handle
 //! images. -> `gpu`
 //!
 //! **`scene`.** A scene before and in device memory, whole or as a cache of pages; `frame` has the view, the target and
@@ -48,8 +48,11 @@
 //! -> `path_choice`, `self_test`, `upscale`
 //!
 //! **`frame_queue`.** Several frames in flight, and their pixels on the host. -> `renderer`, `pack`
+//!
+//! **`split`.** One frame on several devices, a band on each. -> `frame_queue`
 
 mod arrays;
+mod band;
 mod capacity;
 mod constants;
 mod fast;
@@ -74,11 +77,13 @@ mod self_test;
 #[doc(hidden)]
 pub mod shaders;
 mod slabs;
+mod split;
 mod streaming;
 mod upscale;
 
 #[doc(hidden)]
 pub use arrays::{DeviceArrays, Examination, HostNeeded};
+pub use band::{BAND_ROWS, Band};
 #[doc(hidden)]
 pub use capacity::Capacity;
 #[doc(hidden)]
@@ -111,4 +116,6 @@ pub use scene::{Features, GpuScene, JoinedScenes, NoLevels, PagesRead, SceneSour
 pub use shaders::Splat;
 pub use shaders::Totals;
 pub use slabs::SlabReport;
+#[doc(hidden)]
+pub use split::{Balance, DrawnBand, SplitFrame, SplitRenderer};
 pub use streaming::Residency;

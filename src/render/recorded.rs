@@ -25,6 +25,13 @@ pub struct Frame {
     pub detail: Option<LodReport>,
 }
 
+impl Frame {
+    /// The time of the whole frame on the GPU, in milliseconds.
+    pub fn gpu_ms(&self) -> f64 {
+        self.timings.iter().filter(|timing| timing.depth == 0).map(|timing| timing.duration_ms).sum()
+    }
+}
+
 /// A frame on the GPU.
 pub struct Started {
     pub(super) commands: InFlight,

@@ -97,7 +97,7 @@ fn test(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: PathPai
 fn disagreement(paths: &mut PathChoice, device: &Device, scene: &GpuScene, pair: PathPair) -> Result<Option<f32>> {
     let scene = scene.first(SELF_TEST_GAUSSIANS);
     let camera = camera(pair, &scene)?;
-    let shot = Shot { scene: &scene, camera: &camera };
+    let shot = Shot::new(&scene, &camera);
     let [tested, other] = pair.paths();
     let expected = draw(paths, device, shot, other)?;
     let mut largest: f32 = 0.0;

@@ -4,6 +4,7 @@
 mod common;
 
 mod attributes;
+mod bands;
 mod certificate;
 mod depths;
 mod explain;

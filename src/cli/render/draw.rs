@@ -24,7 +24,6 @@ use crate::cli::{Usage, certified, complain, devices::names_of, remark, say, siz
 use crate::files::text_of;
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
-use crate::measure::bench::frame_ms;
 use crate::options::Options;
 use crate::reference;
 use crate::render::{Frame, LodReport, Path, SceneSource, SlabReport};
@@ -213,7 +212,7 @@ impl<'p> Log<'p> {
         if let (Some(video), Some(frame)) = (&mut self.video, rgb8) {
             video.add(task.number, frame)?;
         }
-        self.times.gpu += frames.iter().map(|frame| Duration::from_secs_f64(frame_ms(frame) / 1e3)).sum::<Duration>();
+        self.times.gpu += frames.iter().map(|frame| Duration::from_secs_f64(frame.gpu_ms() / 1e3)).sum::<Duration>();
         self.times.host += times;
         self.times.views += 1;
         self.bar.set_counted(self.times.views, self.total, "pictures");

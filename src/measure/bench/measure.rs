@@ -112,8 +112,8 @@ impl Bench {
         let staged = self.frames(&mut renderer, views, Timestamps::All, &mut warm_up, &tick)?;
         let pipelined_ms = self.pipelined(&mut renderer, views, &mut warm_up, &tick)?;
         let clocks = self.clocks(&mut renderer, views)?;
-        let gpu_ms = Statistics::of(whole.iter().map(|measured| frame_ms(&measured.frame)));
-        let staged_gpu_ms = Statistics::of(staged.iter().map(|measured| frame_ms(&measured.frame)));
+        let gpu_ms = Statistics::of(whole.iter().map(|measured| measured.frame.gpu_ms()));
+        let staged_gpu_ms = Statistics::of(staged.iter().map(|measured| measured.frame.gpu_ms()));
         let frame = FrameTimes {
             gpu_ms,
             wall_ms: Statistics::of(whole.iter().map(|measured| measured.wall_ms)),
@@ -160,7 +160,7 @@ impl Bench {
 
     /// Warms up, and adds this to the warm-ups that are `done`.
     fn warm_up(&self, renderer: &mut Renderer, views: &[Camera], done: &mut Option<WarmUp>) -> Result<()> {
-        let frame = |view: usize| Ok(frame_ms(&renderer.render(&views[view], Background::BLACK)?));
+        let frame = |view: usize| Ok(renderer.render(&views[view], Background::BLACK)?.gpu_ms());
         let limits = match done {
             // The pipelines are warm: only the clocks may have dropped since.
             Some(WarmUp { is_steady: true, .. }) => {
@@ -232,7 +232,7 @@ impl Bench {
     fn clocks(&self, renderer: &mut Renderer, views: &[Camera]) -> Result<Option<Clocks>> {
         let probe = ClockProbe::new(&self.device);
         // The device may have lowered its clocks while the probe was created.
-        let frame = |view: usize| Ok(frame_ms(&renderer.render(&views[view], Background::BLACK)?));
+        let frame = |view: usize| Ok(renderer.render(&views[view], Background::BLACK)?.gpu_ms());
         self.protocol.warm_up(1, WarmUpLimits::BRIEF, frame)?;
         let started = renderer.start(&views[0], Background::BLACK)?;
         let clocks = probe.now();
@@ -251,7 +251,7 @@ impl Bench {
         let mut stages = times.into_iter().map(stage).collect::<Result<Vec<_>>>()?;
         let gaps = frames.iter().map(|Measured { frame, .. }| {
             let inside: f64 = frame.timings.iter().filter(|t| t.depth == 1).map(|t| t.duration_ms).sum();
-            frame_ms(frame) - inside
+            frame.gpu_ms() - inside
         });
         let gaps = Statistics::of(gaps);
         stages.push(StageReport { name: "gaps".to_owned(), ms: gaps, least_bytes: 0, bandwidth_fraction: 0.0 });
@@ -334,11 +334,6 @@ pub fn stage_times<'f>(frames: impl Iterator<Item = &'f Frame> + Clone) -> Vec<(
     };
     let of = |name| (name, Statistics::of(frames.clone().map(|frame| ms_of(frame, name))));
     names.into_iter().map(of).collect()
-}
-
-/// GPU time of a frame in milliseconds.
-pub fn frame_ms(frame: &Frame) -> f64 {
-    frame.timings.iter().filter(|t| t.depth == 0).map(|t| t.duration_ms).sum()
 }
 
 /// Counts of frames with counters (`frames`, whose splats are listed in tiles) and of the measured ones (`staged`).

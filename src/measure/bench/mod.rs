@@ -27,7 +27,7 @@ pub use clocks::ClockProbe;
 pub use compare::{Change, OtherConditions};
 pub use machine::{Clocks, DeviceReport, VersionReport};
 pub(crate) use measure::notice;
-pub use measure::{Bench, frame_ms, stage_times};
+pub use measure::{Bench, stage_times};
 pub use report::{
     Allocation, Counts, DetailReport, DeviceSpeed, FrameTimes, Report, Run, SceneReport, StageReport, Subject,
     image_hash, views_hash,

@@ -7,7 +7,7 @@ use anyhow::Result;
 
 use crate::camera::Camera;
 use crate::gpu::Timestamps;
-use crate::measure::bench::{Protocol, Statistics, WarmUp, WarmUpLimits, frame_ms};
+use crate::measure::bench::{Protocol, Statistics, WarmUp, WarmUpLimits};
 use crate::render::Renderer;
 use crate::rules::Background;
 
@@ -60,7 +60,7 @@ impl Timing {
     pub fn median_ms(&self, renderer: &mut Renderer, views: &[Camera], background: Background) -> Result<f64> {
         renderer.set_timestamps(Timestamps::Outermost);
         let limits = self.limits.after(self.warm_up.get());
-        let mut frame = |view: usize| Ok(frame_ms(&renderer.render(&views[view % views.len()], background)?));
+        let mut frame = |view: usize| Ok(renderer.render(&views[view % views.len()], background)?.gpu_ms());
         self.warm_up.set(self.protocol.warm_up(views.len(), limits, &mut frame)?);
         Ok(Statistics::of((0..self.protocol.frames).map(frame).collect::<Result<Vec<f64>>>()?).median)
     }

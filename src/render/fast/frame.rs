@@ -26,7 +26,7 @@ impl<'a> FastFrame<'a> {
         shot: Shot<'a>,
         target: Target<'a>,
     ) -> Self {
-        let grid = pipeline.grid(shot.camera.size_px, shot.scene.drawn_len(options));
+        let grid = pipeline.grid_of(shot, shot.scene.drawn_len(options));
         Self { pipeline, work, options, shot, target, grid }
     }
 

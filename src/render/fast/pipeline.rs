@@ -14,7 +14,7 @@ use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
 use crate::render::constants::{are_drawn_alike, shared};
-use crate::render::frame::{DepthKeys, Shot, Target, view};
+use crate::render::frame::{DepthKeys, Shot, Target};
 use crate::render::shaders::fast::*;
 use crate::render::shaders::{Bin, FastDispatches, SharedConstants, Totals};
 use crate::rules::{Footprint, Order};
@@ -101,9 +101,9 @@ impl FastPipeline {
         stages::fingerprint(device, &self.constants, self.subgroup)
     }
 
-    /// True if it can draw pictures of this size.
-    pub fn takes(&self, size_px: [u32; 2], gaussians: usize) -> bool {
-        self.grid(size_px, gaussians).count() <= MAX_BINS
+    /// True if it can draw this band of a picture.
+    pub(in crate::render) fn takes(&self, shot: Shot, gaussians: usize) -> bool {
+        self.grid_of(shot, gaussians).count() <= MAX_BINS
     }
 
     /// Makes the blend pipeline for pictures of this size.
@@ -162,6 +162,11 @@ impl FastPipeline {
         BinGrid::new(size_px, (least..3).find(fits).unwrap_or(3))
     }
 
+    /// The bins and blocks of a band. They are those of the whole picture, so that the band has its bits.
+    pub(in crate::render) fn grid_of(&self, Shot { camera, band, .. }: Shot, gaussians: usize) -> BinGrid {
+        BinGrid::of_band(band, camera.size_px, self.grid(camera.size_px, gaussians).form_index)
+    }
+
     /// The longest list of a bin that it can draw.
     pub fn longest_list(&self) -> u32 {
         self.longest_list
@@ -190,14 +195,14 @@ impl FastPipeline {
     /// If the scene has another layout than the pipeline was built for or is culled by a higher threshold, or if
     /// [`prepare`](Self::prepare) was not called for this size.
     pub fn record(&self, cmd: &mut Commands, shot: Shot, work: &FastWorkspace, target: Target) {
-        let Shot { scene, camera } = shot;
+        let scene = shot.scene;
         assert!(
             are_drawn_alike(&self.options, [&scene.layout, &self.layout]),
             "a renderer draws scenes of the layout it was built for"
         );
         let drawn_alpha = self.options.rules.alpha_min;
         assert!(scene.alpha_min <= drawn_alpha, "a scene is culled by no higher threshold than it is drawn by");
-        let grid = self.grid(camera.size_px, scene.len());
+        let grid = self.grid_of(shot, scene.len());
         cmd.scope("project", |cmd| self.project(cmd, shot, work, grid));
         self.record_projected(cmd, work, grid, target);
     }
@@ -236,10 +241,10 @@ impl FastPipeline {
 
     /// The fewest bytes that each stage moves through device memory: each input read once, each output written once.
     pub fn least_bytes(&self, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
-        let Shot { scene, camera } = shot;
+        let scene = shot.scene;
         let [visible, spans, entries] = [totals.visible_kept, totals.spans, totals.listed_kept].map(u64::from);
-        let bins = u64::from(self.grid(camera.size_px, scene.len()).count());
-        let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
+        let bins = u64::from(self.grid_of(shot, scene.len()).count());
+        let pixels: u64 = shot.size().iter().map(|side| u64::from(*side)).product();
         let splat = 16 * self.splat_elements() as u64;
         // Of a scene in pages, at least the visible Gaussians are read.
         let gaussians = if scene.is_paged() { visible } else { scene.len() as u64 };
@@ -267,8 +272,8 @@ impl FastPipeline {
 
     /// Projects the Gaussians that may touch the image, and finds the bins of each splat, as one span per row of bins.
     pub fn project(&self, cmd: &mut Commands, shot: Shot, work: &FastWorkspace, grid: BinGrid) {
-        let Shot { scene, camera } = shot;
-        let keys = DepthKeys::of(camera, &self.options, &scene.extent);
+        let scene = shot.scene;
+        let keys = DepthKeys::of(shot.camera, &self.options, &scene.extent);
         let bindings = ProjectBindings {
             bounds: &scene.bounds,
             grids: &scene.grids,
@@ -282,7 +287,7 @@ impl FastPipeline {
             counters: &work.counters,
         };
         let push = ProjectPush {
-            view: view(camera, self.options.rules.near),
+            view: shot.view(self.options.rules.near),
             gaussians: scene.len() as u32,
             visible_capacity: work.visible_capacity(),
             span_capacity: work.spans.len() as u32,
@@ -393,7 +398,7 @@ impl FastPipeline {
             masks: &work.masks,
             dispatches: &work.dispatches,
         };
-        let push = MasksPush { bins_x: grid.bins[0], block_height: grid.block_height };
+        let push = MasksPush { bins_x: grid.bins[0], block_height: grid.block_height, top_px: grid.top_px };
         let groups = offset_of!(FastDispatches, over_segments);
         cmd.dispatch_indirect(&self.masks, bindings, push, &work.dispatches, groups);
     }
@@ -413,6 +418,7 @@ impl FastPipeline {
             bins_x: grid.bins[0],
             bins: grid.count(),
             background: target.background.colour(),
+            top_px: grid.top_px,
         };
         let blend = self.blend[grid.form_index].as_ref().expect("`prepare` made it");
         let lanes = u64::from(grid.count()) * u64::from(BLOCKS * self.subgroup);

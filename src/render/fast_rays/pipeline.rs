@@ -134,7 +134,7 @@ impl FastRaysPipeline {
 
     /// Projects the Gaussians that rays may meet, and finds the bins of each splat.
     pub fn project(&self, cmd: &mut Commands, FastRaysFrame { shot, tables, work, grid }: FastRaysFrame) {
-        let Shot { scene, camera } = shot;
+        let Shot { scene, camera, .. } = shot;
         let bindings = ProjectBindings {
             bounds: &scene.bounds,
             grids: &scene.grids,

@@ -11,6 +11,7 @@ use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
 use crate::pixels::{Depths, Pixels, Plane};
+use crate::render::band::Band;
 use crate::render::constants::shared;
 use crate::render::frame::{Shot, Target, tiles};
 use crate::render::portable::{Pass, PortablePipeline, PortableWorkspace, Walk, chunks};
@@ -215,7 +216,7 @@ impl Inspector {
         passes: u32,
     ) {
         let RaysPicture { shade, inspect } = self.along_rays.get().expect("an inspection along rays is prepared");
-        let RaysFrame { shot: Shot { scene, camera }, tables, work, splats } = frame;
+        let RaysFrame { shot: Shot { scene, camera, .. }, tables, work, splats } = frame;
         pipeline.record_splats(cmd, portable, frame);
         if let Some(stage) = shade {
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
@@ -264,7 +265,7 @@ impl Inspector {
         target: Target,
         passes: u32,
     ) {
-        let view = pipeline.view(shot.camera);
+        let view = shot.view(pipeline.view(shot.camera).near);
         let culled_from = self.inspection.culled_from.as_ref();
         pipeline.clear(cmd, work);
         cmd.scope("cull", |cmd| {
@@ -284,7 +285,7 @@ impl Inspector {
             }
             Picture::Work { stages, .. } => cmd.scope("inspect", |cmd| {
                 let (entries_per_pass, walk) = (pipeline.blending.entries_per_pass, Walk::whole(passes));
-                walk_lists(cmd, stages, entries_per_pass, work, splat_ids, target, walk);
+                walk_lists(cmd, stages, entries_per_pass, work, splat_ids, (target, shot.band), walk);
             }),
         }
     }
@@ -301,7 +302,7 @@ impl Inspector {
         pipeline: &PortablePipeline,
         work: &PortableWorkspace,
         splat_ids: &Buffer<u32>,
-        target: Target,
+        target: (Target, Band),
         walk: Walk,
     ) {
         let Picture::Work { stages, .. } = &self.picture else {
@@ -355,7 +356,7 @@ fn walk_lists(
     entries_per_pass: u32,
     work: &PortableWorkspace,
     splat_ids: &Buffer<u32>,
-    target: Target,
+    (target, band): (Target, Band),
     walk: Walk,
 ) {
     let image = target.image;
@@ -365,7 +366,7 @@ fn walk_lists(
     walk.record(cmd, entries_per_pass, |cmd, pass| {
         let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;
         let bindings = InspectBindings { ranges, splat_ids, splats, totals, image };
-        let push = InspectPush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
+        let push = InspectPush { size_px, top_px: band.top, tiles, background, pass_begin, pass_limit, last_pass };
         cmd.dispatch(&stages[stage], bindings, push, DispatchSize::Groups(tiles.into()));
     });
 }

@@ -91,7 +91,7 @@ impl Picker {
         listed: Listed,
         pixel: [u32; 2],
     ) -> Result<Explanation> {
-        let (Shot { scene, camera }, work) = match listed {
+        let (Shot { scene, camera, .. }, work) = match listed {
             Listed::Portable(shot, work) => (shot, work),
             Listed::Rays(RaysFrame { shot, work, .. }) => (shot, work),
         };
@@ -104,7 +104,7 @@ impl Picker {
 
         let gaussians = Buffer::new(device, "explained gaussians", count as usize)?;
         let evidence = Buffer::<Evidence>::new(device, "evidence", count as usize)?;
-        let splat_ids = pipeline.splat_ids(work, camera);
+        let splat_ids = pipeline.splat_ids(work, tiles(camera.size_px).iter().product());
         let (gaussian_from_splat, bounds) = (&work.gaussian_from_splat, &scene.bounds);
         let (view, groups) = (pipeline.view(camera), DispatchSize::Invocations(count.into()));
         let mut cmd = Commands::new(device)?;

@@ -6,7 +6,7 @@ use anyhow::Result;
 use super::selection::LodSelector;
 use crate::gpu::{Access, Buffer, Commands, Device, Readback};
 use crate::render::fast::{FastFrame, FastPipeline};
-use crate::render::frame::{Shot, position_of, slab};
+use crate::render::frame::{position_of, slab};
 use crate::render::inspect::Attribute;
 use crate::render::pages::{DrawList, PageCount, PageProjection, first_page};
 use crate::render::scene::GpuScene;
@@ -38,8 +38,9 @@ impl PagedFrame {
         frame: &FastFrame,
         selector: &LodSelector,
     ) -> Result<Readback<SelectionState>> {
-        let FastFrame { work, options, shot: Shot { scene, camera }, target, grid, .. } = *frame;
-        selector.record(cmd, scene, camera, options)?;
+        let FastFrame { work, options, shot, target, grid, .. } = *frame;
+        let scene = shot.scene;
+        selector.record(cmd, shot, options)?;
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         let whole = slab(&(0..position_of(frame.depth_keys().limit()) + position_of(1)));
         let [indices, levels] = scene.indices_and_lod(&self.no_words);

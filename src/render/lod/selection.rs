@@ -11,10 +11,10 @@ use anyhow::Result;
 
 use super::tables::{STEPS, errors_of_pages, page_box, steps};
 use super::target::{LodReport, LodTarget};
-use crate::camera::Camera;
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, InFlight, Readback, Results, Stage, Staging};
 use crate::options::Options;
 use crate::pagefile::{PARTS, SAMPLES};
+use crate::render::frame::Shot;
 use crate::render::pages::{Element, first_page, views_of};
 use crate::render::scene::{GpuScene, Paged};
 use crate::render::shaders::lod::{self, *};
@@ -203,8 +203,8 @@ impl LodSelector {
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn record(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera, options: &Options) -> Result<()> {
-        self.record_with(cmd, scene, camera, options, self.params)
+    pub fn record(&self, cmd: &mut Commands, shot: Shot, options: &Options) -> Result<()> {
+        self.record_with(cmd, shot, options, self.params)
     }
 
     /// Records the selection with other parameters than [`LodSelector::params`].
@@ -214,18 +214,18 @@ impl LodSelector {
     pub fn record_with(
         &self,
         cmd: &mut Commands,
-        scene: &GpuScene,
-        camera: &Camera,
+        shot: Shot,
         options: &Options,
         params: SelectionParams,
     ) -> Result<()> {
+        let Shot { scene, camera, .. } = shot;
         let views = views_of(scene, camera, &options.rules);
         // Frames before this one read and write these buffers.
         cmd.barrier(Access::SHADER | Access::INDIRECT | Access::COPY_READ, Access::COPY_WRITE);
         cmd.fill(&self.state, 0);
         cmd.upload(&self.draw_list, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        cmd.scope("look", |cmd| self.cull_pages(cmd, scene, camera));
+        cmd.scope("look", |cmd| self.cull_pages(cmd, shot));
         let target = if self.has_levels { LodTarget::of(options) } else { LodTarget::default() };
         let pixels = camera.size_px.iter().product();
         if target.searches != 0 {
@@ -245,7 +245,7 @@ impl LodSelector {
     }
 
     /// Lists the pages in view.
-    fn cull_pages(&self, cmd: &mut Commands, scene: &GpuScene, camera: &Camera) {
+    fn cull_pages(&self, cmd: &mut Commands, Shot { scene, camera, band }: Shot) {
         let bindings = CullPagesBindings {
             boxes: &self.boxes,
             errors: &self.errors,
@@ -259,6 +259,7 @@ impl LodSelector {
             focal_px: camera.focal_px.as_vec2().to_array(),
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
+            band: band.word(),
             per_focal_squared: (1.0 / (focal * focal)) as f32,
             pages: self.boxes.len() as u32,
             views: most_views as u32,
@@ -350,20 +351,15 @@ impl LodSelector {
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn select(
-        &mut self,
-        device: &Device,
-        scene: &GpuScene,
-        camera: &Camera,
-        options: &Options,
-    ) -> Result<Selection> {
+    pub fn select(&mut self, device: &Device, shot: Shot, options: &Options) -> Result<Selection> {
+        let scene = shot.scene;
         let mut cmd = Commands::new(device)?;
-        self.record(&mut cmd, scene, camera, options)?;
+        self.record(&mut cmd, shot, options)?;
         let state = self.read(&mut cmd)?;
         let results = cmd.submit()?.wait()?;
         let state = results.view(&state)[0];
         if !self.ensure_capacity(device, scene, &state)? {
-            return self.select(device, scene, camera, options);
+            return self.select(device, shot, options);
         }
         let pages = self.selected_pages(device, scene, &state)?;
         Ok(Selection { results, pages, detail: Self::report(&state, options) })

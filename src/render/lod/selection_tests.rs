@@ -10,7 +10,7 @@ use crate::options::Options;
 use crate::pagefile::write::Settings;
 use crate::pagefile::{LEVEL_WORDS, PAGE, PARTS, Pages};
 use crate::procedural::cactus;
-use crate::render::frame::DepthKeys;
+use crate::render::frame::{DepthKeys, Shot};
 use crate::render::pages::{Element, PageCuller, PlacedCamera, views_of};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::lod::*;
@@ -239,7 +239,7 @@ fn pages_are_selected_as_in_plain_rust() {
             let camera = Camera::framing(focus.centre.into(), focus.radius * zoom, [300, 200]);
             let case =
                 format!("{} {} {} at {places:?}, zoom {zoom}", options.lod_error, options.lod_psnr, options.splats);
-            let selection = selector.select(&device, &scene, &camera, options).unwrap();
+            let selection = selector.select(&device, Shot::new(&scene, &camera), options).unwrap();
             let views = views_of(&scene, &camera, &options.rules);
             let twins: Vec<_> =
                 views.chunks(VIEW_ELEMENTS as usize).map(|view| Twin::new(&pages, view, &camera, options)).collect();
@@ -287,6 +287,7 @@ fn check_pages(
         alpha_min: pages.alpha_min(),
         keys,
         bin_px: [64, 32],
+        top_px: 0,
         bins: [5, 7],
         largest_key: keys.limit(),
     };

@@ -34,7 +34,7 @@ impl PageProjection {
 
     /// Projects the Gaussians of these pages that are in the slab, and appends their splats to those of the frame.
     pub fn record(&self, cmd: &mut Commands, frame: &FastFrame, draw_list: &DrawList, count: PageCount, slab: Slab) {
-        let FastFrame { work, options, shot: Shot { scene, camera }, grid, .. } = *frame;
+        let FastFrame { work, options, shot: Shot { scene, camera, band }, grid, .. } = *frame;
         let keys = frame.depth_keys();
         let bindings = ProjectBindings {
             bounds: &scene.bounds,
@@ -56,6 +56,7 @@ impl PageProjection {
             focal_px: camera.focal_px.as_vec2().to_array(),
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
+            band: band.word(),
             near: options.rules.near,
             first_page: draw_list.first_page,
             visible_capacity: work.visible_capacity(),

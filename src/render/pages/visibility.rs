@@ -74,6 +74,8 @@ pub struct PageCuller<'a> {
     pub bin_px: [u32; 2],
     /// Columns and rows of bins.
     pub bins: [u32; 2],
+    /// The row of the picture with which the first bins begin.
+    pub top_px: u32,
 }
 
 impl PageCuller<'_> {
@@ -146,6 +148,12 @@ impl PageCuller<'_> {
                 return None;
             }
             let (bin, bins) = (f64::from(self.bin_px[axis]), f64::from(self.bins[axis]));
+            let begin = [0.0, f64::from(self.top_px)][axis];
+            let (from, to) = (from - begin, to - begin);
+            // The page is beside the rows that are drawn.
+            if to < 0.0 || from > bins * bin {
+                return None;
+            }
             let end = if to.is_nan() { bins } else { ((to / bin).floor() + 1.0).clamp(0.0, bins) };
             found[axis] = [(from / bin).floor().max(0.0).min(bins) as u16, end as u16];
         }

@@ -24,6 +24,7 @@ use crate::render::scene::{GpuScene, SELF_TEST_GAUSSIANS};
 use crate::render::shaders::Totals;
 use crate::render::slabs::SlabbedFrame;
 use crate::render::streaming::PageStreamer;
+use crate::rules::TILE;
 use crate::threads::{self, joined};
 
 /// The engines of the paths and the choice between them: the two paths along rays draw cameras with lenses; the fast
@@ -241,10 +242,16 @@ impl PathChoice {
             _ => self.portable.pipeline().least_bytes(shot, totals),
         };
         // Frames in slabs: begin writes the states of pixels, finish reads them and writes the picture.
-        let pixels: u64 = shot.camera.size_px.iter().map(|side| u64::from(*side)).product();
+        let pixels: u64 = shot.size().iter().map(|side| u64::from(*side)).product();
         stages.extend([("begin", 16 * pixels), ("finish", 32 * pixels)]);
         stages.extend(self.selector.iter().flat_map(LodSelector::least_bytes));
         stages
+    }
+
+    /// Bands of a picture begin at multiples of this many rows.
+    pub fn band_rows(&self, shot: Shot) -> u32 {
+        let gaussians = shot.scene.drawn_len(&self.options);
+        self.fast().map_or(TILE, |fast| fast.grid(shot.camera.size_px, gaussians).bin_px()[1])
     }
 
     /// True if the fast path can show attributes, as it does for pages with levels of detail.
@@ -279,8 +286,7 @@ impl PathChoice {
         }
         let Self { fast, portable, options, selector, streamer, .. } = self;
         let gaussians = shot.scene.drawn_len(options);
-        let can_draw =
-            |fast: &&mut FastEngine| !needs_tile_lists && fast.pipeline.takes(shot.camera.size_px, gaussians);
+        let can_draw = |fast: &&mut FastEngine| !needs_tile_lists && fast.pipeline.takes(shot, gaussians);
         let Some(fast) = fast.as_mut().filter(can_draw) else { return portable.prepare(device, shot, options) };
         let limits = fast.prepare(device, shot, options, attribute)?;
         if let (Some(streamer), Some(selector)) = (streamer, selector)
@@ -297,7 +303,7 @@ impl PathChoice {
         let Self { fast, portable, rays, fast_rays, rays_test, options, variation, .. } = self;
         let can_draw = |fast: &&FastEngine| {
             let is_fast = !needs_tile_lists && *rays_test != RaysTest::Failed;
-            is_fast && fast.pipeline.takes(shot.camera.size_px, shot.scene.len())
+            is_fast && fast.pipeline.takes(shot, shot.scene.len())
         };
         if let Some(fast) = fast.as_ref().filter(can_draw) {
             let rays = match fast_rays {

@@ -58,11 +58,12 @@ impl FastEngine {
     pub fn prepare(
         &mut self,
         device: &Device,
-        Shot { scene, camera }: Shot,
+        shot: Shot,
         options: &Options,
         attribute: Option<Attribute>,
     ) -> Result<Limits> {
-        let grid = self.pipeline.grid(camera.size_px, scene.drawn_len(options));
+        let scene = shot.scene;
+        let grid = self.pipeline.grid_of(shot, scene.drawn_len(options));
         let cells = grid.count() as usize;
         let demand = Capacity { gaussians: scene.placed_len(), cells, ..Capacity::default() };
         // The first picture of a scene without levels reads only the pages that are not hidden.
@@ -111,8 +112,9 @@ impl FastEngine {
     ///
     /// # Errors
     /// [`OutOfMemory`] if there is too little for the smallest slab.
-    pub fn fit_slabs(&mut self, device: &Device, Shot { scene, camera }: Shot, options: &Options) -> Result<()> {
-        let grid = self.pipeline.grid(camera.size_px, scene.drawn_len(options));
+    pub fn fit_slabs(&mut self, device: &Device, shot: Shot, options: &Options) -> Result<()> {
+        let scene = shot.scene;
+        let grid = self.pipeline.grid_of(shot, scene.drawn_len(options));
         let slabs = match &mut self.slabs {
             Some(slabs) => slabs,
             none => none.insert(FastSlabs::new(device, &self.pipeline, scene)?),

@@ -44,7 +44,7 @@ impl FastRaysEngine {
     /// # Errors
     /// If memory runs out.
     pub fn prepare(&mut self, device: &Device, shot: Shot, fast: &FastPipeline) -> Result<Option<Limits>> {
-        let Shot { scene, camera } = shot;
+        let Shot { scene, camera, .. } = shot;
         if self.is_left {
             return Ok(None);
         }

@@ -7,7 +7,7 @@ use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::packing::Layout;
 use crate::render::capacity::{Capacity, has_memory};
-use crate::render::frame::{Shot, Target, Variation, tiles};
+use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::Inspector;
 use crate::render::lod::LodSelector;
 use crate::render::path::{Limits, Path};
@@ -77,8 +77,8 @@ impl PortableEngine {
     }
 
     /// Makes the pipeline and buffers that are large enough for a frame. Slabs draw it if they do not fit.
-    pub fn prepare(&mut self, device: &Device, Shot { scene, camera }: Shot, options: &Options) -> Result<Limits> {
-        let cells = tiles(camera.size_px).iter().product::<u32>() as usize;
+    pub fn prepare(&mut self, device: &Device, shot: Shot, options: &Options) -> Result<Limits> {
+        let (scene, cells) = (shot.scene, shot.tiles() as usize);
         let demand = Capacity { gaussians: scene.placed_len(), cells, ..Capacity::default() };
         let in_slabs = self.needs_slabs || scene.is_paged() || !has_memory(self.work.grow(device, demand).map(drop))?;
         self.make(device, options)?;
@@ -106,13 +106,13 @@ impl PortableEngine {
     ///
     /// # Errors
     /// [`OutOfMemory`] if there is too little for the smallest slab.
-    pub fn fit_slabs(&mut self, device: &Device, Shot { scene, camera }: Shot) -> Result<()> {
+    pub fn fit_slabs(&mut self, device: &Device, shot: Shot) -> Result<()> {
         let pipeline = self.pipeline.as_ref().expect("a frame on the portable path was prepared");
         let slabs = match &mut self.slabs {
             Some(slabs) => slabs,
-            none => none.insert(PortableSlabs::new(device, pipeline, scene)?),
+            none => none.insert(PortableSlabs::new(device, pipeline, shot.scene)?),
         };
-        slabs.fit(device, &mut self.work, camera.size_px, scene)
+        slabs.fit(device, &mut self.work, shot.size(), shot.scene)
     }
 
     /// Draws a frame in slabs whose buffers [`fit_slabs`](Self::fit_slabs) made, and waits for it.

@@ -46,7 +46,7 @@ impl RaysEngine {
     pub fn prepare(
         &mut self,
         device: &Device,
-        Shot { scene, camera }: Shot,
+        Shot { scene, camera, .. }: Shot,
         portable: &PortablePipeline,
     ) -> Result<Limits> {
         if !self.tables.as_ref().is_some_and(|tables| tables.lens.suit(camera)) {

@@ -109,7 +109,7 @@ impl Blending {
     pub fn record(
         &self,
         cmd: &mut Commands,
-        Shot { scene, camera }: Shot,
+        Shot { scene, camera, band }: Shot,
         work: &PortableWorkspace,
         splat_ids: &Buffer<u32>,
         target: Target,
@@ -117,7 +117,7 @@ impl Blending {
     ) {
         let image = target.image;
         let tiles: u32 = tiles(image.size()).iter().product();
-        let (size_px, background) = (image.size(), target.background.colour());
+        let (size_px, top_px, background) = (image.size(), band.top, target.background.colour());
         let (ranges, splats, totals) = (&work.ranges, &work.splats, &work.totals);
         let groups = DispatchSize::Groups(tiles.into());
         walk.record(cmd, self.entries_per_pass, |cmd, pass| {
@@ -126,7 +126,7 @@ impl Blending {
                 Stages::Plain(stages) => {
                     let tiles_by_class = &work.tiles_by_class;
                     let bindings = BlendBindings { ranges, splat_ids, splats, totals, tiles_by_class, image };
-                    let push = BlendPush { size_px, tiles, background, pass_begin, pass_limit, last_pass };
+                    let push = BlendPush { size_px, top_px, tiles, background, pass_begin, pass_limit, last_pass };
                     cmd.dispatch(&stages[stage], bindings, push, groups);
                 }
                 Stages::Certified(stages) => {
@@ -134,6 +134,7 @@ impl Blending {
                     let bindings = BlendCertifiedBindings { ranges, splat_ids, splats, totals, image, certificate };
                     let push = BlendCertifiedPush {
                         size_px,
+                        top_px,
                         tiles,
                         background,
                         pass_begin,

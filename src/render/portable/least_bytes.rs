@@ -1,18 +1,18 @@
 //! The fewest bytes that the stages of the portable path move through device memory.
 
 use super::pipeline::PortablePipeline;
-use crate::render::frame::{Shot, tiles};
+use crate::render::frame::Shot;
 use crate::render::shaders::{PortableDispatches, Splat, Totals};
 
 impl PortablePipeline {
     /// The fewest bytes that each stage moves through device memory: each input read once, each output written once, in
     /// each pass of a sort.
     pub fn least_bytes(&self, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
-        let Shot { scene, camera } = shot;
+        let Shot { scene, camera, .. } = shot;
         let gaussians = scene.len() as u64;
         let [visible, spans, instances] = [totals.visible_kept, totals.spans, totals.listed_kept].map(u64::from);
-        let tiles: u64 = tiles(camera.size_px).iter().map(|side| u64::from(*side)).product();
-        let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
+        let tiles: u64 = shot.tiles().into();
+        let pixels: u64 = shot.size().iter().map(|side| u64::from(*side)).product();
         let splat = size_of::<Splat>() as u64;
         let [depth_passes, tile_passes] = self.sort_passes(scene, camera).map(u64::from);
         // Bytes per key and pass: keys in to count, keys and values in to move, keys and values out.

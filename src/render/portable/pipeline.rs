@@ -123,7 +123,7 @@ impl PortablePipeline {
     /// If the scene has another layout than the pipeline was built for or is culled by a higher threshold, or if a
     /// certifying pipeline is given no image for the certificate.
     pub fn record(&self, cmd: &mut Commands, shot: Shot, work: &PortableWorkspace, target: Target, passes: u32) {
-        let view = self.view(shot.camera);
+        let view = shot.view(self.options.rules.near);
         self.clear(cmd, work);
         cmd.scope("cull", |cmd| {
             self.cull(cmd, shot.scene, view, work);
@@ -158,10 +158,11 @@ impl PortablePipeline {
     pub(in crate::render) fn project_visible(
         &self,
         cmd: &mut Commands,
-        Shot { scene, camera }: Shot,
+        shot: Shot,
         view: View,
         work: &PortableWorkspace,
     ) {
+        let Shot { scene, camera, .. } = shot;
         self.check(scene);
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("project", |cmd| self.project(cmd, scene, view, work, self.depth_keys(scene, camera)));
@@ -172,12 +173,12 @@ impl PortablePipeline {
     pub(in crate::render) fn bin<'w>(
         &self,
         cmd: &mut Commands,
-        Shot { scene, camera }: Shot,
+        shot: Shot,
         work: &'w PortableWorkspace,
     ) -> &'w Buffer<u32> {
-        let bits = self.depth_keys(scene, camera).bits;
+        let bits = self.depth_keys(shot.scene, shot.camera).bits;
         let by_depth = cmd.scope("sort depths", |cmd| self.sort_depths(cmd, work, bits));
-        self.list(cmd, camera, work, by_depth)
+        self.list(cmd, shot, work, by_depth)
     }
 
     /// Makes the lists like [`bin`](Self::bin), from splats that are sorted by depth: `by_depth` is the index of the
@@ -185,26 +186,26 @@ impl PortablePipeline {
     pub(in crate::render) fn list<'w>(
         &self,
         cmd: &mut Commands,
-        camera: &Camera,
+        shot: Shot,
         work: &'w PortableWorkspace,
         by_depth: usize,
     ) -> &'w Buffer<u32> {
         let splat_from_rank = &work.depths.values[by_depth];
         cmd.scope("scan", |cmd| self.scan(cmd, work, splat_from_rank));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        cmd.scope("duplicate", |cmd| self.duplicate(cmd, work, splat_from_rank, tiles(camera.size_px)[0]));
+        cmd.scope("duplicate", |cmd| self.duplicate(cmd, work, splat_from_rank, tiles(shot.size())[0]));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        self.sort_lists(cmd, camera, work)
+        self.sort_lists(cmd, shot, work)
     }
 
     /// Sorts the instances by tile, and finds and orders the lists. Returns the splats of all lists, tile after tile.
     pub(in crate::render) fn sort_lists<'w>(
         &self,
         cmd: &mut Commands,
-        camera: &Camera,
+        shot: Shot,
         work: &'w PortableWorkspace,
     ) -> &'w Buffer<u32> {
-        let tiles = tiles(camera.size_px).iter().product();
+        let tiles = shot.tiles();
         let by_tile = cmd.scope("sort tiles", |cmd| self.sort_tiles(cmd, work, tiles));
         cmd.scope("ranges", |cmd| {
             self.ranges(cmd, work, &work.instances.keys[by_tile]);
@@ -215,9 +216,9 @@ impl PortablePipeline {
         &work.instances.values[by_tile]
     }
 
-    /// The splats of all tiles, tile after tile, of the frame that `work` holds.
-    pub(in crate::render) fn splat_ids<'w>(&self, work: &'w PortableWorkspace, camera: &Camera) -> &'w Buffer<u32> {
-        &work.instances.values[self.sort.sorted(tile_bits(tiles(camera.size_px).iter().product()))]
+    /// The splats of all `tiles`, tile after tile, of the frame that `work` holds.
+    pub(in crate::render) fn splat_ids<'w>(&self, work: &'w PortableWorkspace, tiles: u32) -> &'w Buffer<u32> {
+        &work.instances.values[self.sort.sorted(tile_bits(tiles))]
     }
 
     /// Marks the Gaussians that may touch the image.

@@ -88,7 +88,7 @@ impl<'s> PortableStages<'s> {
     pub fn blend(&self, cmd: &mut Commands, camera: &Camera, splat_ids: &Buffer<u32>, target: Target, passes: u32) {
         self.pipeline.order_tiles(cmd, &self.work, tiles(camera.size_px).iter().product());
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        let shot = Shot { scene: self.scene, camera };
+        let shot = Shot::new(self.scene, camera);
         self.pipeline.blend(cmd, shot, &self.work, splat_ids, target, passes);
     }
 }

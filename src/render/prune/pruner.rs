@@ -236,7 +236,7 @@ impl Pruner {
 
     fn record(&self, cmd: &mut Commands, camera: &Camera, shown: Shown) {
         let (pipeline, work) = (&self.pipeline, &self.work);
-        let shot = Shot { scene: &self.scene, camera };
+        let shot = Shot::new(&self.scene, camera);
         let view = pipeline.view(camera);
         pipeline.clear(cmd, work);
         cmd.scope("cull", |cmd| {
@@ -267,7 +267,7 @@ impl Pruner {
     fn contribute(&self, cmd: &mut Commands, camera: &Camera) {
         let Self { work, found: image, contributions, .. } = self;
         let (ranges, splats, gaussian_from_splat) = (&work.ranges, &work.splats, &work.gaussian_from_splat);
-        let splat_ids = self.pipeline.splat_ids(work, camera);
+        let splat_ids = self.pipeline.splat_ids(work, tiles(camera.size_px).iter().product());
         self.walk(cmd, camera, |cmd, size_px, tiles, pass| {
             let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;
             let bindings = ContributeBindings { ranges, splat_ids, splats, gaussian_from_splat, contributions, image };
@@ -281,7 +281,7 @@ impl Pruner {
     fn bound(&self, cmd: &mut Commands, camera: &Camera) {
         let Self { work, found: image, kept, counts, .. } = self;
         let (ranges, splats, gaussian_from_splat) = (&work.ranges, &work.splats, &work.gaussian_from_splat);
-        let splat_ids = self.pipeline.splat_ids(work, camera);
+        let splat_ids = self.pipeline.splat_ids(work, tiles(camera.size_px).iter().product());
         let background = BACKGROUND.colour().into_iter().fold(0.0, f32::max);
         self.walk(cmd, camera, |cmd, size_px, tiles, pass| {
             let Pass { stage, begin: pass_begin, limit: pass_limit, last: last_pass } = pass;

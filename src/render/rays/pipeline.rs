@@ -41,7 +41,7 @@ pub struct RaysFrame<'f> {
 }
 
 /// Keys of z for a parallel lens, of distances for others.
-pub fn depth_keys(Shot { scene, camera }: Shot, options: &Options) -> DepthKeys {
+pub fn depth_keys(Shot { scene, camera, .. }: Shot, options: &Options) -> DepthKeys {
     let order = if camera.is_parallel() { Order::Depth } else { Order::Distance };
     let options = Options { rules: Rules { order, ..options.rules }, ..*options };
     DepthKeys::of(camera, &options, &scene.extent)
@@ -126,7 +126,7 @@ impl RaysPipeline {
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
         cmd.scope("list", |cmd| self.list(cmd, frame, splat_from_rank));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
-        portable.sort_lists(cmd, frame.shot.camera, work)
+        portable.sort_lists(cmd, frame.shot, work)
     }
 
     /// The fewest bytes that each stage moves through device memory, as [`PortablePipeline::least_bytes`].
@@ -136,7 +136,7 @@ impl RaysPipeline {
         frame: RaysFrame,
         totals: &Totals,
     ) -> Vec<(&'static str, u64)> {
-        let RaysFrame { shot: Shot { scene, camera }, .. } = frame;
+        let RaysFrame { shot: Shot { scene, camera, .. }, .. } = frame;
         let [visible, instances] = [totals.visible_kept, totals.listed_kept].map(u64::from);
         let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
         let splat = size_of::<RaySplat>() as u64;

@@ -21,6 +21,7 @@ use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Pixels;
+use crate::render::band::Band;
 use crate::render::capacity::{Capacity, MAX_ATTEMPTS};
 use crate::render::constants::are_drawn_alike;
 use crate::render::frame::{Shot, Target, Variation};
@@ -52,6 +53,8 @@ pub struct Renderer {
     picker: Option<Picker>,
     /// True while frames take the portable path because a pixel is explained from their lists.
     needs_tile_lists: bool,
+    /// The rows of all pictures that are drawn, if not all are.
+    band: Option<Band>,
     /// The frame recorded last.
     last: Option<Last>,
 }
@@ -130,6 +133,7 @@ impl Renderer {
             inspector: None,
             picker: None,
             needs_tile_lists: false,
+            band: None,
             last: None,
         })
     }
@@ -196,6 +200,29 @@ impl Renderer {
     /// If the coarsest pages cannot be read.
     pub fn enable_page_streaming(&mut self) -> Result<()> {
         self.choice.enable_page_streaming(&self.device, &self.scene)
+    }
+
+    /// Draws only these rows of all pictures from now on, or again all rows. The image and [`Renderer::pixels`] have
+    /// the size of the band.
+    pub fn set_band(&mut self, band: Option<Band>) {
+        self.band = band;
+        self.last = None;
+    }
+
+    /// Bands of the pictures of a camera may begin at multiples of this many rows.
+    pub fn band_rows(&self, camera: &Camera) -> u32 {
+        self.choice.band_rows(Shot::new(&self.scene, camera))
+    }
+
+    /// The reason why pictures of a camera are not drawn in bands; `None` if they can be.
+    pub fn undividable(&self, camera: &Camera) -> Option<&'static str> {
+        if camera.lens.is_some() || self.options.rules.response == Response::Ray {
+            Some("pictures along rays are drawn as a whole")
+        } else if self.upscaler.is_some() {
+            Some("pictures that are drawn smaller and then enlarged are drawn as a whole")
+        } else {
+            None
+        }
     }
 
     /// Times every stage, or only the whole frame.
@@ -348,21 +375,27 @@ impl Renderer {
         if let Some(shown) = shown.filter(|_| camera.lens.is_some()) {
             shown.prepare_rays(&self.device, &self.options, self.scene.layout())?;
         }
-        match self.fit_images(camera.size_px) {
+        let band = self.band.unwrap_or(Band::whole(camera.size_px));
+        if let Some(why) = self.band.and_then(|_| self.undividable(camera)) {
+            bail!("a band of a picture cannot be drawn: {why}");
+        }
+        let size = band.size(camera.size_px);
+        match self.fit_images(size) {
             Err(error) if error.is::<OutOfMemory>() => {
                 // Images precede lists, which slabs can divide.
                 self.choice.release(&self.device)?;
-                self.fit_images(camera.size_px)?;
+                self.fit_images(size)?;
             }
             other => other?,
         }
         let number = self.last.as_ref().map_or(0, |last| last.number + 1);
         self.last = Some(Last { number, camera: camera.clone(), background, has_tile_lists: false });
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
+        let band = if self.band.is_some() { band } else { Band::whole(camera.size_px) };
         let inspector = inspector.or(self.inspector.as_ref());
         let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some() && attribute.is_none();
-        let shot = Shot { scene: &self.scene, camera };
+        let shot = Shot { scene: &self.scene, camera, band };
         test_rays(&mut self.choice, &self.device, &self.scene, camera)?;
         self.drawn = self.choice.prepare(&self.device, shot, needs_tile_lists, attribute)?;
         ensure!(

@@ -16,7 +16,7 @@ impl Renderer {
     #[doc(hidden)]
     pub fn least_bytes(&self, totals: &Totals, camera: &Camera) -> Vec<(&'static str, u64)> {
         let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
-        let mut stages = self.choice.least_bytes(self.drawn.path, Shot { scene: &self.scene, camera }, totals);
+        let mut stages = self.choice.least_bytes(self.drawn.path, Shot::new(&self.scene, camera), totals);
         if self.upscaler.is_some() {
             let pixels = |size: [u32; 2]| size.iter().map(|side| u64::from(*side)).product::<u64>();
             stages.push(("upscale", 16 * (pixels(camera.size_px) + pixels(self.image.size()))));

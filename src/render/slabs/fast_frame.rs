@@ -71,12 +71,13 @@ impl FastSlabs {
         selector: Option<&mut LodSelector>,
     ) -> Result<SlabbedFrame> {
         let FastFrame { work, options, shot, target, grid, .. } = *frame;
-        let Shot { scene, camera } = shot;
+        let Shot { scene, camera, .. } = shot;
         self.stages.prepare(device, grid)?;
         let keys = frame.depth_keys();
         let end = position_of(keys.limit()) + position_of(1);
-        let cells = CellGrid { cell_px: grid.bin_px(), cells: grid.bins, keys, largest_key: keys.limit() };
-        let selection = selector.map(|selector| selector.select(device, scene, camera, options)).transpose()?;
+        let cells =
+            CellGrid { cell_px: grid.bin_px(), cells: grid.bins, top_px: grid.top_px, keys, largest_key: keys.limit() };
+        let selection = selector.map(|selector| selector.select(device, shot, options)).transpose()?;
         let mut input = SlabInput::of(shot, options, cells, selection.as_ref());
         let mut progress =
             FrameProgress::begin(&mut input, end, scene.placed_len(), self.buffers.target, selection.as_ref());

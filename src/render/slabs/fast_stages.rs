@@ -109,7 +109,13 @@ impl FastStages {
         };
         // The background is added at the end.
         let background = Background::Transparent.colour();
-        let push = BlendPush { size_px: image.size(), bins_x: grid.bins[0], bins: grid.count(), background };
+        let push = BlendPush {
+            size_px: image.size(),
+            bins_x: grid.bins[0],
+            bins: grid.count(),
+            background,
+            top_px: grid.top_px,
+        };
         let blend = self.blend[grid.form_index].as_ref().expect("`prepare` made it");
         let lanes = u64::from(grid.count()) * u64::from(BLOCKS * self.subgroup);
         cmd.dispatch(blend, bindings, push, DispatchSize::Invocations(lanes));

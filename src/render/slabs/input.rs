@@ -22,6 +22,8 @@ pub struct CellGrid {
     pub cell_px: [u32; 2],
     /// Columns and rows of cells.
     pub cells: [u32; 2],
+    /// The row of the picture with which the first cells begin.
+    pub top_px: u32,
     pub keys: DepthKeys,
     /// The largest depth key of a listed splat.
     pub largest_key: u32,
@@ -60,7 +62,7 @@ const PAGES_PER_TASK: usize = 4096;
 impl<'a> SlabInput<'a> {
     /// The input of a frame. For a scene in pages, it has the pages of `selection` that may be visible.
     pub fn of(
-        Shot { scene, camera }: Shot<'a>,
+        Shot { scene, camera, .. }: Shot<'a>,
         options: &Options,
         grid: CellGrid,
         selection: Option<&Selection>,
@@ -74,6 +76,7 @@ impl<'a> SlabInput<'a> {
             keys: grid.keys,
             bin_px: grid.cell_px,
             bins: grid.cells,
+            top_px: grid.top_px,
             largest_key: grid.largest_key,
         };
         let pages = cache.pages().pages();

@@ -102,12 +102,12 @@ impl PortableSlabs {
         selector: Option<&mut LodSelector>,
     ) -> Result<SlabbedFrame> {
         let PortableFrame { pipeline, work, options, shot, .. } = *frame;
-        let Shot { scene, camera } = shot;
+        let scene = shot.scene;
         let keys = frame.depth_keys();
         let end = position_of(keys.limit());
-        let (cell_px, cells) = ([TILE, TILE], tiles(camera.size_px));
-        let cells = CellGrid { cell_px, cells, keys, largest_key: keys.limit() - 1 };
-        let selection = selector.map(|selector| selector.select(device, scene, camera, options)).transpose()?;
+        let (cell_px, cells, top_px) = ([TILE, TILE], tiles(shot.size()), shot.band.top);
+        let cells = CellGrid { cell_px, cells, top_px, keys, largest_key: keys.limit() - 1 };
+        let selection = selector.map(|selector| selector.select(device, shot, options)).transpose()?;
         let mut input = SlabInput::of(shot, options, cells, selection.as_ref());
         let mut progress =
             FrameProgress::begin(&mut input, end, scene.placed_len(), self.buffers.target, selection.as_ref());
@@ -156,7 +156,8 @@ impl PortableSlabs {
         input: &mut SlabInput,
         range: &Range<SortPosition>,
     ) -> Result<SlabLists> {
-        let PortableFrame { pipeline, work, options, shot: Shot { scene, camera }, .. } = *frame;
+        let PortableFrame { pipeline, work, options, shot, .. } = *frame;
+        let Shot { scene, camera, band } = shot;
         let (keys, listed) = (frame.depth_keys(), &self.buffers.listed);
         let mut cmd = Commands::new(device)?;
         let mut elements = views_of(scene, camera, &options.rules);
@@ -200,6 +201,7 @@ impl PortableSlabs {
                 focal_px: camera.focal_px.as_vec2().to_array(),
                 centre_px: camera.centre_px.as_vec2().to_array(),
                 size_px: camera.size_px,
+                band: band.word(),
                 near: options.rules.near,
                 first_page,
                 pages: pages as u32,
@@ -215,7 +217,7 @@ impl PortableSlabs {
         cmd.scope("project", |cmd| self.project(cmd, frame));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
         let by_depth = cmd.scope("sort depths", |cmd| self.sort(cmd, frame, indices));
-        pipeline.list(&mut cmd, camera, work, by_depth);
+        pipeline.list(&mut cmd, shot, work, by_depth);
         if frame.inspector.is_some() {
             let bindings = ShadeDepthsBindings {
                 totals: &work.totals,
@@ -228,6 +230,7 @@ impl PortableSlabs {
                 focal_px: camera.focal_px.as_vec2().to_array(),
                 centre_px: camera.centre_px.as_vec2().to_array(),
                 size_px: camera.size_px,
+                band: band.word(),
                 first_page,
             };
             cmd.dispatch_indirect(&self.shade_depths, bindings, push, &work.dispatches, over_visible());
@@ -239,7 +242,8 @@ impl PortableSlabs {
     }
 
     fn project(&self, cmd: &mut Commands, frame: &PortableFrame) {
-        let PortableFrame { work, options, shot: Shot { scene, camera }, .. } = *frame;
+        let PortableFrame { work, options, shot, .. } = *frame;
+        let Shot { scene, camera, band } = shot;
         let keys = frame.depth_keys();
         let bindings = ProjectTilesBindings {
             gaussian_from_splat: &work.gaussian_from_splat,
@@ -261,6 +265,7 @@ impl PortableSlabs {
             focal_px: camera.focal_px.as_vec2().to_array(),
             centre_px: camera.centre_px.as_vec2().to_array(),
             size_px: camera.size_px,
+            band: band.word(),
             near: options.rules.near,
             first_page: first_page(scene),
             span_capacity: work.spans.len() as u32,
@@ -317,12 +322,14 @@ enum SlabLists {
 /// Walks the lists that the workspace holds, on top of the states. Returns the counts after that.
 fn submit_walk(device: &Device, frame: &PortableFrame, walk: Walk) -> Result<(Totals, Results)> {
     let PortableFrame { pipeline, work, shot, target, inspector, .. } = *frame;
-    let splat_ids = pipeline.splat_ids(work, shot.camera);
+    let splat_ids = pipeline.splat_ids(work, shot.tiles());
     let mut cmd = Commands::new(device)?;
     match inspector {
         None => cmd.scope("blend", |cmd| pipeline.blending.record(cmd, shot, work, splat_ids, target, walk)),
         Some(inspector) => {
-            cmd.scope("inspect", |cmd| inspector.walk_slab(cmd, pipeline, work, splat_ids, target, walk));
+            cmd.scope("inspect", |cmd| {
+                inspector.walk_slab(cmd, pipeline, work, splat_ids, (target, frame.shot.band), walk)
+            });
         }
     }
     cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
@@ -333,10 +340,10 @@ fn submit_walk(device: &Device, frame: &PortableFrame, walk: Walk) -> Result<(To
 
 /// Turns the states into the picture, by a walk along empty lists.
 fn finish(device: &Device, frame: &PortableFrame, goes_on: bool) -> Result<(Totals, Results)> {
-    let PortableFrame { pipeline, work, shot: Shot { camera, .. }, .. } = *frame;
+    let PortableFrame { pipeline, work, shot, .. } = *frame;
     let mut cmd = Commands::new(device)?;
     pipeline.clear(&mut cmd, work);
-    pipeline.order_tiles(&mut cmd, work, tiles(camera.size_px).iter().product());
+    pipeline.order_tiles(&mut cmd, work, shot.tiles());
     let _cleared = cmd.submit()?;
     submit_walk(device, frame, Walk { passes: 1, goes_on, is_last: true })
 }

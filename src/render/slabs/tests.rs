@@ -61,7 +61,7 @@ fn slabs_of_whole(device: &Device, options: &Options, gaussians: &Gaussians, roo
     let image = Image::new(device, "image", SIZE[0], SIZE[1]).unwrap();
     let mut slabs = FastSlabs::new(device, &fast, &scene).unwrap();
     let target = Target { image: &image, certificate: None, background: BACKGROUND };
-    let shot = Shot { scene: &scene, camera };
+    let shot = Shot::new(&scene, camera);
     let frame = FastFrame::new(&fast, &work, options, shot, target);
     let drawn = slabs.draw(device, &frame, None).unwrap();
     let parts = read_pixels(device, &image).unwrap();

@@ -20,6 +20,7 @@ use crate::host_memory::OutOfMemory;
 use crate::lod::CODES_PER_OCTAVE;
 use crate::options::Options;
 use crate::pagefile::{NO_PAGE, PageLod, Pages};
+use crate::render::frame::Shot;
 use crate::render::lod::{LodSelector, SelectionParams};
 use crate::render::scene::{GpuScene, LoadedPage, PageCache, Paged};
 use crate::render::shaders::SelectionState;
@@ -259,7 +260,7 @@ impl PageStreamer {
         let mut prefetch = None;
         if let Some(camera) = &self.predicted {
             let params = SelectionParams { priority_penalty: PREFETCH_PENALTY, ..self.params };
-            cmd.scope("ahead", |cmd| selector.record_with(cmd, scene, camera, options, params))?;
+            cmd.scope("ahead", |cmd| selector.record_with(cmd, Shot::new(scene, camera), options, params))?;
             prefetch = Some((selector.read(cmd)?, cmd.read(selector.requests())?));
         }
         let last_used = self.is_full.then(|| cmd.read(&self.paged.last_used)).transpose()?;

@@ -1,0 +1,194 @@
+//! Bands of pictures: they have the bits of the whole picture, on one device and on several.
+
+use crate::common::{Gpu, open, read_captured};
+use glam::DVec3;
+use smalto::camera::Camera;
+use smalto::gpu::{Device, Validation};
+use smalto::options::Options;
+use smalto::pagefile::PageFile;
+use smalto::pagefile::write::{Job, Settings, write_whole};
+use smalto::pixels::{Integers, Pixels};
+use smalto::procedural::cactus;
+use smalto::render::{
+    BAND_ROWS, Band, Form, FrameOutputs, GpuScene, Inspection, Renderer, SceneSource, SplitFrame, SplitRenderer, Upload,
+};
+use smalto::rules::Background;
+use std::sync::Arc;
+
+const BACKGROUND: Background = Background::Colour([0.2, 0.4, 0.1]);
+
+fn view(size: [u32; 2]) -> Camera {
+    Camera::looking_at(DVec3::new(1.5, -2.5, -3.0), DVec3::new(0.0, -1.2, 0.0), size, 0.9)
+}
+
+fn bits(pixels: &Pixels) -> Vec<[u32; 4]> {
+    pixels.rgba.iter().map(|pixel| pixel.map(f32::to_bits)).collect()
+}
+
+/// The pixels of all bands that end at multiples of `rows`, one below the other, and the same of what `read` reads.
+fn in_bands(renderer: &mut Renderer, camera: &Camera, rows: u32, read: impl Fn(&Renderer) -> Pixels) -> Pixels {
+    let height = camera.size_px[1];
+    let borders = Vec::from_iter((rows..height).step_by(rows as usize));
+    let mut rgba = Vec::new();
+    for band in Band::between(&borders, height) {
+        renderer.set_band(Some(band));
+        renderer.render(camera, BACKGROUND).unwrap();
+        let pixels = read(renderer);
+        assert_eq!(pixels.size, band.size(camera.size_px));
+        rgba.extend(pixels.rgba);
+    }
+    renderer.set_band(None);
+    Pixels { size: camera.size_px, rgba }
+}
+
+fn check(renderer: &mut Renderer, camera: &Camera, what: &str) {
+    let frame = renderer.render(camera, BACKGROUND).unwrap();
+    let whole = renderer.pixels().unwrap();
+    assert!(frame.totals.visible_kept > 0, "{what}: nothing is seen");
+    let unit = renderer.band_rows(camera);
+    assert!(BAND_ROWS.is_multiple_of(unit), "{what}");
+    for rows in [unit, 3 * unit, BAND_ROWS] {
+        let parts = in_bands(renderer, camera, rows, |renderer| renderer.pixels().unwrap());
+        assert!(bits(&whole) == bits(&parts), "{what}: bands of {rows} rows differ");
+    }
+}
+
+fn presets() -> Vec<(&'static str, Options)> {
+    let names = ["exact", "balanced", "fast", "portable", "inria", "gsplat", "khr"];
+    names.into_iter().map(|name| (name, Options::preset(name).unwrap())).filter(|(_, o)| o.scale == 1.0).collect()
+}
+
+#[test]
+fn bands_have_the_bits_of_the_whole_picture() {
+    let gpu = Gpu::new();
+    let scene = cactus(6000).unwrap().gaussians;
+    for (name, options) in presets() {
+        let uploaded = GpuScene::new(&gpu.0, &scene, &options).unwrap();
+        let mut renderer = Renderer::new(&gpu.0, &options, &uploaded).unwrap();
+        for size in [[100, 150], [70, 64], [64, 193]] {
+            check(&mut renderer, &view(size), &format!("{name} {size:?}"));
+        }
+    }
+}
+
+#[test]
+fn bands_of_a_captured_scene_have_the_bits_of_the_whole_picture() {
+    let gpu = Gpu::new();
+    let scene = read_captured("biker.spz");
+    let options = Options::BALANCED;
+    let uploaded = GpuScene::new(&gpu.0, &scene, &options).unwrap();
+    let mut renderer = Renderer::new(&gpu.0, &options, &uploaded).unwrap();
+    for camera in crate::common::captured_cameras("biker.orbit.cameras.json", &[0, 10], [150, 200]) {
+        check(&mut renderer, &camera, "biker");
+    }
+}
+
+#[test]
+fn bands_of_certificates_and_depths_have_the_bits_of_the_whole() {
+    let gpu = Gpu::new();
+    let scene = cactus(4000).unwrap().gaussians;
+    let (options, camera) = (Options::BALANCED, view([90, 140]));
+    let upload = Upload { is_certifiable: true, reserve_bytes: 1 << 20 };
+    let uploaded = SceneSource::of(scene).upload_with(&gpu.0, &options, upload).unwrap();
+    let mut certified = Renderer::certified(&gpu.0, &options, &uploaded).unwrap();
+    check(&mut certified, &camera, "certified");
+    let certificate = |renderer: &Renderer| renderer.certificate().unwrap().unwrap();
+    certified.render(&camera, BACKGROUND).unwrap();
+    let whole = certificate(&certified);
+    assert!(whole.largest() > 0.0);
+    assert!(bits(&whole) == bits(&in_bands(&mut certified, &camera, 32, certificate)));
+
+    let mut depths = Renderer::new(&gpu.0, &options, &uploaded).unwrap();
+    depths.set_inspection(Inspection::of_depths()).unwrap();
+    check(&mut depths, &camera, "depths");
+}
+
+/// A page file of a cactus, with or without levels.
+fn pages(has_levels: bool) -> Arc<PageFile> {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("cactus.smalto");
+    let settings = Settings { has_levels, ..Settings::default() };
+    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    write_whole(&job, &cactus(40_000).unwrap()).unwrap();
+    Arc::new(PageFile::open(&output).unwrap())
+}
+
+#[test]
+fn bands_of_pages_levels_and_slabs_have_the_bits_of_the_whole_picture() {
+    let _turn = Gpu::new();
+    let device = open(Validation::Required).with_memory_limit(Some(24 << 20)).unwrap();
+    let camera = view([120, 200]);
+    for has_levels in [false, true] {
+        let file = pages(has_levels);
+        let budget = Options { splats: 9000, ..Options::BALANCED };
+        let cases = [("balanced", Options::BALANCED), ("portable", Options::preset("portable").unwrap())];
+        for (name, options) in cases.into_iter().chain(has_levels.then_some(("budget", budget))) {
+            let scene = SceneSource::of_file(file.clone());
+            let scene = scene.upload_with(&device, &options, Upload::reserving(1 << 20)).unwrap();
+            let mut renderer = Renderer::new(&device, &options, &scene).unwrap();
+            check(&mut renderer, &camera, &format!("{name}, levels {has_levels}"));
+            let frame = renderer.render(&camera, BACKGROUND).unwrap();
+            assert!(frame.parts.is_some() || name == "budget", "{name}: drawn without slabs");
+        }
+    }
+    let options = Options::BALANCED;
+    let scene = GpuScene::new(&device, &cactus(40_000).unwrap().gaussians, &options).unwrap();
+    let mut renderer = Renderer::new(&device, &options, &scene).unwrap();
+    check(&mut renderer, &camera, "whole scene, little memory");
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+/// Renderers of one scene on this many instances of the device.
+fn on_instances(devices: &[Device], options: &Options) -> SplitRenderer {
+    let scene = cactus(6000).unwrap().gaussians;
+    let renderer = |device| {
+        let scene = GpuScene::new(device, &scene, options).unwrap();
+        (device, Renderer::new(device, options, &scene).unwrap())
+    };
+    SplitRenderer::new(devices.iter().map(renderer).collect())
+}
+
+fn joined(frame: &mut SplitFrame) -> (Vec<u8>, Vec<[u32; 4]>) {
+    let (mut integers, mut floats) = (Vec::new(), Vec::new());
+    for band in &mut frame.bands {
+        integers.extend_from_slice(band.host.integers(Integers::Rgb8).unwrap());
+        floats.extend(bits(&band.host.picture().unwrap()));
+    }
+    (integers, floats)
+}
+
+#[test]
+fn several_devices_draw_the_bits_of_one_and_go_on_without_a_lost_one() {
+    let gpu = Gpu::own();
+    let devices = [gpu.0.clone(), open(Validation::Required), open(Validation::Required)];
+    let outputs =
+        FrameOutputs { picture: vec![Form::Integers(Integers::Rgb8), Form::Floats], ..FrameOutputs::default() };
+    let options = Options::BALANCED;
+    let mut one = on_instances(&devices[..1], &options);
+    let mut split = on_instances(&devices, &options);
+    let cameras = [[100, 160], [60, 40], [33, 10]].map(view);
+    let mut expected = Vec::new();
+    for camera in &cameras {
+        let mut frame = one.render(camera, BACKGROUND, &outputs).unwrap();
+        expected.push(joined(&mut frame));
+    }
+    for (round, camera) in (0..9).flat_map(|round| cameras.iter().map(move |camera| (round, camera))) {
+        let which = cameras.iter().position(|other| other == camera).unwrap();
+        // In rounds 3 and 6 a device is lost in the middle of a frame.
+        if which == 0 && (round == 3 || round == 6) {
+            split.lose(split.devices() - 1);
+        }
+        let mut frame = split.render(camera, BACKGROUND, &outputs).unwrap();
+        assert!(joined(&mut frame) == expected[which], "round {round}, view {which}: {:?}", frame.bands.len());
+        split.recycle(frame);
+        let lost = split.take_lost();
+        assert_eq!(lost.len(), usize::from(which == 0 && (round == 3 || round == 6)));
+    }
+    assert_eq!(split.devices(), 1);
+    split.lose(0);
+    let Err(error) = split.render(&cameras[0], BACKGROUND, &outputs) else { panic!("no device is left") };
+    assert!(error.to_string().contains("lost"), "{error:#}");
+    for device in &devices {
+        assert_eq!(device.validation_messages(), Vec::<String>::new());
+    }
+}
