@@ -3,9 +3,11 @@
 //! - `plane` - images of one number per pixel: depth, splat counts, coverage
 //! - `read` - reads images from files
 //! - `write` - writes images to files
+//! - `png` - PNG files, large ones by all cores
 //! - `video` - videos, made by the installed ffmpeg
 
 mod plane;
+mod png;
 mod read;
 mod video;
 mod write;

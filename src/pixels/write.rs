@@ -1,6 +1,5 @@
 //! Writes images to files.
 
-use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Result, bail};
@@ -9,12 +8,11 @@ use exr::prelude::{
     Blocks, Compression as ExrCompression, Encoding, Image, Layer, LayerAttributes, LineOrder, SpecificChannels, Vec2,
     WritableImage,
 };
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
+use image::ExtendedColorType;
 use npyz::WriterBuilder;
 use serde::Serialize;
 
-use super::{Pixels, Plane};
+use super::{Pixels, Plane, png};
 use crate::files::write_whole;
 
 /// The file formats that an image can be written to.
@@ -89,13 +87,6 @@ pub enum Compression {
 }
 
 impl Compression {
-    fn of_png(self) -> CompressionType {
-        match self {
-            Self::Fast => CompressionType::Fast,
-            Self::Small => CompressionType::Default,
-        }
-    }
-
     fn of_exr(self) -> Encoding {
         let compression = match self {
             Self::Fast => ExrCompression::Uncompressed,
@@ -138,12 +129,13 @@ impl Integers {
         self.bytes(size).div_ceil(4) as usize
     }
 
-    /// Writes a PNG of such pixels. Integers of 16 bits have the byte order of this machine.
+    /// Writes a PNG of such pixels, from consecutive parts of whole rows. Integers of 16 bits have the byte order of this
+    /// machine.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn write(self, path: &Path, size: [u32; 2], bytes: &[u8], compression: Compression) -> Result<()> {
-        write_bytes(path, size, bytes, self.colour_type(), compression)
+    pub fn write(self, path: &Path, size: [u32; 2], parts: &[&[u8]], compression: Compression) -> Result<()> {
+        write_parts(path, size, parts, self.colour_type(), compression)
     }
 }
 
@@ -162,7 +154,7 @@ impl Pixels {
     /// # Errors
     /// If the file cannot be written.
     pub fn write_as(&self, kind: FileKind, compression: Compression, path: &Path, alpha: Alpha) -> Result<()> {
-        let png = |bytes: &[u8], kind| write_bytes(path, self.size, bytes, kind, compression);
+        let png = |bytes: &[u8], kind| write_parts(path, self.size, &[bytes], kind, compression);
         match (kind, alpha) {
             (FileKind::Png, Alpha::Opaque) => png(&self.to_rgb8(), ExtendedColorType::Rgb8),
             (FileKind::Png, Alpha::Transparent) => png(&self.to_rgba8(), ExtendedColorType::Rgba8),
@@ -182,9 +174,11 @@ impl Pixels {
     pub fn to_png(&self, alpha: Alpha) -> Result<Vec<u8>> {
         let mut file = Vec::new();
         match alpha {
-            Alpha::Opaque => encode(&mut file, self.size, &self.to_rgb8(), ExtendedColorType::Rgb8, Compression::Fast)?,
+            Alpha::Opaque => {
+                png::write(&mut file, self.size, &[&self.to_rgb8()], ExtendedColorType::Rgb8, Compression::Fast)?
+            }
             Alpha::Transparent => {
-                encode(&mut file, self.size, &self.to_rgba8(), ExtendedColorType::Rgba8, Compression::Fast)?
+                png::write(&mut file, self.size, &[&self.to_rgba8()], ExtendedColorType::Rgba8, Compression::Fast)?
             }
         }
         Ok(file)
@@ -239,9 +233,9 @@ impl Plane {
     pub fn write_as(&self, kind: FileKind, compression: Compression, path: &Path) -> Result<()> {
         let [height, width] = [self.size[1], self.size[0]].map(u64::from);
         match kind {
-            FileKind::Png => Integers::Grey8.write(path, self.size, &self.to_grey8(), compression),
+            FileKind::Png => Integers::Grey8.write(path, self.size, &[&self.to_grey8()], compression),
             FileKind::Png16 => {
-                Integers::Grey16.write(path, self.size, bytemuck::cast_slice(&self.to_grey16()), compression)
+                Integers::Grey16.write(path, self.size, &[bytemuck::cast_slice(&self.to_grey16())], compression)
             }
             FileKind::Exr => {
                 let width = self.size[0] as usize;
@@ -259,28 +253,17 @@ impl Plane {
 /// # Errors
 /// If the file cannot be written.
 pub fn write_rgba8(path: &Path, size: [u32; 2], pixels: &[[u8; 4]]) -> Result<()> {
-    write_bytes(path, size, bytemuck::cast_slice(pixels), ExtendedColorType::Rgba8, Compression::Fast)
+    write_parts(path, size, &[bytemuck::cast_slice(pixels)], ExtendedColorType::Rgba8, Compression::Fast)
 }
 
-fn encode(
-    file: impl Write,
-    [width, height]: [u32; 2],
-    bytes: &[u8],
-    kind: ExtendedColorType,
-    compression: Compression,
-) -> Result<()> {
-    let encoder = PngEncoder::new_with_quality(file, compression.of_png(), FilterType::Adaptive);
-    Ok(encoder.write_image(bytes, width, height, kind)?)
-}
-
-fn write_bytes(
+fn write_parts(
     path: &Path,
     size: [u32; 2],
-    bytes: &[u8],
+    parts: &[&[u8]],
     kind: ExtendedColorType,
     compression: Compression,
 ) -> Result<()> {
-    write_whole(path, |file| encode(file, size, bytes, kind, compression))
+    write_whole(path, |file| png::write(file, size, parts, kind, compression))
 }
 
 /// An image of one layer, to be written as OpenEXR.

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use super::shards::pictures;
-use crate::common::program::{fails, ok, path, run};
+use crate::common::program::{fails, notes, ok, path, run};
 
 const SCENE: [&str; 4] = ["render", "cactus:2000", "--orbit", "7"];
 
@@ -50,6 +50,45 @@ fn files_of_a_film_are_those_of_single_pictures() {
         let [together, alone] = [pictures(&together), pictures(&alone)];
         assert!(together.len() >= 4 && together == alone, "{options:?}");
     }
+}
+
+/// Pictures in bands have the bytes of whole ones, for every kind of file, also if a device is lost.
+#[test]
+fn devices_that_draw_bands_write_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = std::env::var("SMALTO_DEVICE").unwrap_or_else(|_| "0".to_owned());
+    let devices = format!("{device},{device}");
+    let scene = ["render", "cactus:2000", "--orbit", "3", "--size", "70x300"];
+    for (i, options) in [
+        "--layers colour,alpha,depth,median-depth,counts",
+        "--layers colour,alpha --format png16",
+        "--layers colour,depth --portable",
+        "--layers colour,alpha --format exr",
+        "--background transparent --format npy",
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let options: Vec<&str> = options.split(' ').collect();
+        let names = ["whole", "bands", "lost"].map(|name| path(&folder, &format!("{name}{i}")));
+        ok(&[&scene[..], &["-o", &names[0]], &options].concat());
+        let bands = [&scene[..], &["--device", &devices, "--share", "frame", "-o"]].concat();
+        ok(&[&bands[..], &[&names[1]], &options].concat());
+        let lost = [&bands[..], &[&names[2]], &options].concat();
+        let lost = run(&lost, |command| _ = command.env("SMALTO_FAULT", "device@3"));
+        let said = String::from_utf8(lost.stderr).unwrap();
+        assert!(lost.status.success() && said.contains("draws no more"), "{said}");
+        let [whole, bands, lost] = names.map(|name| pictures(&name));
+        assert!(whole.len() >= 3 && whole == bands && whole == lost, "{options:?}");
+    }
+    let [json, out] = ["a.json", "a.png"].map(|name| path(&folder, name));
+    let one = ["render", "cactus:2000", "--size", "70x300", "--device", &devices, "--json", &json, "-o", &out];
+    ok(&[&one[..], &["--share", "frame"]].concat());
+    let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(&json).unwrap()).unwrap();
+    let frames = report["frames"].as_array().unwrap();
+    assert!(frames.len() == 1 && frames[0]["gpu"]["listed"].as_u64().unwrap() > 0, "{report}");
+    let notes = notes(&[&one[..], &["--share", "frame", "--response", "ray"]].concat());
+    assert!(notes.contains("pictures along rays are drawn as a whole"), "{notes}");
 }
 
 #[test]

@@ -99,6 +99,29 @@ fn several_devices_are_measured_together() {
     assert!(together.iter().all(|device| device["frames_per_second"].as_f64().unwrap() > 0.0));
 }
 
+#[test]
+fn frames_in_bands_are_measured_on_two_instances_of_a_device() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.json");
+    let device = std::env::var("SMALTO_DEVICE").unwrap_or_else(|_| "0".to_owned());
+    let devices = format!("{device},{device}");
+    let shared = ["--device", &devices, "--share", "frame", "--size", "64x128", "--json", &out];
+    let text = ok(&quick("cactus:2000", &shared));
+    assert!(text.contains("in bands on 2 devices"), "{text}");
+    let report = json(&out);
+    assert!(jsonschema::validator_for(&schema("bench")).unwrap().is_valid(&report));
+    let split = &report["runs"][0]["split"];
+    let devices = split["devices"].as_array().unwrap();
+    let rows: f64 = devices.iter().map(|device| device["rows"]["mean"].as_f64().unwrap()).sum();
+    assert_eq!((devices.len(), rows), (2, 128.0));
+    assert!(split["slowest_over_mean"]["min"].as_f64().unwrap() >= 1.0);
+    assert!(devices.iter().all(|device| device["stages"].as_array().unwrap().len() > 5));
+
+    let lens = ["--device", &format!("{device},{device}"), "--share", "frame", "--response", "ray"];
+    let text = ok(&quick("cactus:2000", &lens));
+    assert!(text.contains(" frames per second on 2 devices: "), "{text}");
+}
+
 /// A device whose loops end after some rounds draws such views on the portable path, after an attempt on the fast one.
 #[test]
 fn views_that_always_need_a_second_attempt_are_measured() {

@@ -15,12 +15,12 @@ use crate::camera::Camera;
 use crate::cli::cameras::{EyeArgs, LensArgs, SplitArg};
 use crate::cli::devices::{DevicesArgs, say_memory};
 use crate::cli::drawable::{Drawable, read_places};
-use crate::cli::headings::{ACCURACY, CAMERAS, LEVELS, MEASURING, REPORTS};
+use crate::cli::headings::{ACCURACY, CAMERAS, DEVICE, LEVELS, MEASURING, REPORTS};
 use crate::cli::knobs::Knobs;
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
 use crate::cli::values::whole;
-use crate::cli::{OverThreshold, Usage, check_plots, complain, knobs, measured_psnr, progress, remark, values};
+use crate::cli::{OverThreshold, Usage, check_plots, complain, knobs, measured_psnr, one_of, progress, remark, values};
 use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::measure::bench::{
@@ -117,6 +117,14 @@ pub(super) struct Args {
     reading: ReadingArgs,
     #[command(flatten)]
     device: DevicesArgs,
+    /// What several devices share in the last measurement: views or frame
+    ///
+    /// views: each draws whole pictures, and the speed of all together is measured. frame: all draw bands of each
+    /// picture, and the time until its last pixel is in host memory is measured, with the band, the stages, the wait and
+    /// the transfer of each device.
+    #[arg(long, help_heading = DEVICE, value_name = "HOW", default_value = "views", hide_possible_values = true)]
+    #[arg(value_parser = one_of(SHARES))]
+    share: Share,
     /// Write the report as JSON; - prints it instead of the tables
     ///
     /// Schema: docs/schemas/bench.schema.json.
@@ -129,6 +137,18 @@ pub(super) struct Args {
     #[arg(long, help_heading = REPORTS, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
+
+/// What several devices share in the last measurement.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Share {
+    Views,
+    Frame,
+}
+
+const SHARES: [(&str, &str, Share); 2] = [
+    ("views", "Each device draws whole pictures", Share::Views),
+    ("frame", "All devices draw bands of each picture", Share::Frame),
+];
 
 /// Most frames of each kind.
 const MOST_FRAMES: u64 = 1_000_000;
@@ -201,7 +221,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 let bring = |device: &Device| {
                     scene.drawable.source.upload_with(device, &options, Upload::reserving(reserve(size)))
                 };
-                run.together = Some(bench::together(&devices, &bring, &options, &views)?);
+                let whole = Renderer::whole_because(&options, &views[0]);
+                if let Some(why) = whole.filter(|_| args.share == Share::Frame) {
+                    remark(&format!("note: --share frame: {why}; each device draws its own"));
+                }
+                if args.share == Share::Frame && whole.is_none() {
+                    run.split = Some(bench::split(&devices, &bring, &options, &views, args.frames())?);
+                } else {
+                    run.together = Some(bench::together(&devices, &bring, &options, &views)?);
+                }
             }
             table::print_run(&run, args.check)?;
             changes.extend(before.map(|before| Change::between(before, &run)));

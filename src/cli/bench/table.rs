@@ -5,7 +5,8 @@ use anyhow::Result;
 use crate::cli::table::{say_table, table};
 use crate::cli::{certified, say};
 use crate::measure::bench::{
-    Change, Clocks, DetailReport, DeviceReport, Protocol, Run, Statistics, VersionReport, WarmUp,
+    Change, Clocks, DetailReport, DeviceReport, Protocol, Run, SplitDevice, SplitReport, Statistics, VersionReport,
+    WarmUp,
 };
 use crate::render::Path;
 
@@ -45,6 +46,7 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         let all: f64 = speeds.sum();
         say!("  together {all:.0} frames per second on {} devices: {}", each.len(), each.join(", "))?;
     }
+    run.split.as_ref().map_or(Ok(()), print_split)?;
     print_warm_up(run.warm_up)?;
     // Bins are the unit of the fast paths; everything else is counted by the path that lists splats in tiles.
     let counted_by = match (counts.entries, run.drawn_by) {
@@ -92,6 +94,26 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         None if checked => say!("  equal to the float64 reference"),
         None => Ok(()),
     }
+}
+
+/// Prints the frames that several devices drew in bands.
+fn print_split(split: &SplitReport) -> Result<()> {
+    let SplitReport { latency_ms, latency_alone_ms, slowest_gpu_ms, gpu_alone_ms, slowest_over_mean, devices } = split;
+    let row = |name: &str, together: Statistics, alone: Statistics| {
+        let faster = alone.median / together.median;
+        say!("    {name:<9} {:8.3} ms, alone {:8.3} ms: {faster:.2} times", together.median, alone.median)
+    };
+    say!("  in bands on {} devices (medians)", devices.len())?;
+    row("latency", *latency_ms, *latency_alone_ms)?;
+    row("GPU", *slowest_gpu_ms, *gpu_alone_ms)?;
+    say!("    the slowest band takes {:.2} times the mean", slowest_over_mean.median)?;
+    for SplitDevice { device, rows, gpu_ms, wait_ms, transfer_ms, stages } in devices {
+        let [rows, gpu, wait, transfer] = [rows, gpu_ms, wait_ms, transfer_ms].map(|statistics| statistics.median);
+        say!("    {device}: {rows:.0} rows, GPU {gpu:.3} ms, wait {wait:.3} ms, transfer {transfer:.3} ms")?;
+        let stages: Vec<_> = stages.iter().map(|stage| format!("{} {:.3}", stage.name, stage.ms)).collect();
+        say!("      {}", stages.join(", "))?;
+    }
+    Ok(())
 }
 
 fn print_warm_up(warm_up: Option<WarmUp>) -> Result<()> {

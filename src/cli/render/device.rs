@@ -8,6 +8,7 @@ use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 
 use super::Args;
+use super::bands::Bands;
 use super::buffer_pool::PooledFrame;
 use super::encode::{Job, Source, Task};
 use super::queue::Queue;
@@ -40,6 +41,8 @@ pub(super) struct Run<'p> {
     pub args: &'p Args,
     pub options: Options,
     pub queue: Queue<Task<'p>>,
+    /// What is drawn of views that are drawn band by band.
+    pub bands: Bands,
     is_of_video: bool,
     /// When the first view was submitted.
     pub started: OnceLock<Instant>,
@@ -82,7 +85,7 @@ impl<'p> Run<'p> {
     pub fn new(args: &'p Args, options: Options, tasks: Vec<Task<'p>>, devices: &[Device], encoders: usize) -> Self {
         let largest = devices.iter().map(largest_streamed).min().unwrap_or(0);
         let bytes = tasks.iter().map(|task| task.host_bytes(args, largest)).max().unwrap_or(0);
-        let pixels = |task: &Task| task.shot.camera.size_px.iter().map(|side| u64::from(*side)).product::<u64>();
+        let pixels = |task: &Task| task.drawn_size().iter().map(|side| u64::from(*side)).product::<u64>();
         let image_bytes = 16 * tasks.iter().map(pixels).max().unwrap_or(0);
         let (devices, is_of_video) = (devices.len(), tasks.iter().any(|task| task.is_of_video));
         let fit = (HOST_BYTES / devices as u64 / bytes.max(1)) as usize;
@@ -93,6 +96,7 @@ impl<'p> Run<'p> {
             args,
             options,
             queue: Queue::new(tasks),
+            bands: Bands::default(),
             is_of_video,
             started: OnceLock::new(),
             host_frames,
@@ -133,16 +137,36 @@ impl Task<'_> {
         FrameOutputs { picture, depths: !self.depths.is_empty(), is_exported: false }
     }
 
+    /// Width and height of the rows that are drawn.
+    fn drawn_size(&self) -> [u32; 2] {
+        let size = self.shot.camera.size_px;
+        self.band.map_or(size, |band| band.size(size))
+    }
+
+    /// The reason why it is not drawn band by band; `None` if it can be.
+    pub fn whole_because(&self, args: &Args, options: &Options) -> Option<&'static str> {
+        let whole = Renderer::whole_because(options, &self.shot.camera);
+        if whole.is_some() {
+            whole
+        } else if args.certificate.is_some() || args.dump.is_some() || args.measure_levels {
+            Some("--certificate, --dump and --measure-levels draw whole pictures")
+        } else if self.is_of_video {
+            Some("frames of a video are drawn as a whole")
+        } else {
+            None
+        }
+    }
+
     /// True if it is drawn and waited for: if it has a certificate or a dump, its levels are measured, or it has more
     /// bytes than `largest`.
     fn is_alone(&self, args: &Args, largest: u64) -> bool {
-        let bytes = self.wanted(args).bytes(self.shot.camera.size_px);
+        let bytes = self.wanted(args).bytes(self.drawn_size());
         args.certificate.is_some() || args.dump.is_some() || args.measure_levels || bytes > largest
     }
 
     /// Bytes of its pixels on their way to the files.
     fn host_bytes(&self, args: &Args, largest: u64) -> u64 {
-        let size = self.shot.camera.size_px;
+        let size = self.drawn_size();
         if !self.is_alone(args, largest) {
             return self.wanted(args).bytes(size);
         }
@@ -225,7 +249,8 @@ impl<'r, 'p> Worker<'r, 'p> {
             let unused = self.host.pooled(host);
             self.draw_alone(&task, unused).map(|job| self.hand_on(job))
         } else {
-            let begun = self.stream.start(&task.shot.camera, args.background, &task.wanted(args), host);
+            let view = (&task.shot.camera, task.band);
+            let begun = self.stream.start_band(view, args.background, &task.wanted(args), host);
             begun.map(|view| self.in_flight.push_back((task.clone(), view)))
         };
         begun.map(|()| true).inspect_err(|_| queue.give_back(task))

@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use crossbeam_channel::{bounded, unbounded};
 
 use super::Args;
+use super::bands::{Share, bands_of};
 use super::device::Run;
 use super::encode::{Job, Task, Times, Written};
 use super::notes::Notes;
@@ -84,7 +85,7 @@ pub(super) fn by_gpu(
     let record = Record::begin(args, plan, &scene.report().hash, &options, Some(&names_of(devices)))?;
     let tasks = plan.shots.iter().enumerate().map(|(number, shot)| {
         let [picture, depths] = outputs_left(shot, &record);
-        Task { number, shot, picture, depths, is_of_video: plan.video.is_some() }
+        Task { number, shot, picture, depths, is_of_video: plan.video.is_some(), band: None }
     });
     let tasks: Vec<_> = tasks.filter(|task| !task.is_done()).collect();
     if tasks.is_empty() {
@@ -106,6 +107,7 @@ pub(super) fn by_gpu(
         notes: Notes::new(&scene.source, options.rules.near),
         times: Spent::default(),
     };
+    let tasks = divided(args, &options, tasks, devices);
     let run = Run::new(args, options, tasks, devices, encoders);
     let frames = match &plan.video {
         None => draw(&run, devices, scene.source, encoders, log)?,
@@ -116,6 +118,27 @@ pub(super) fn by_gpu(
     };
     devices.iter().try_for_each(complain)?;
     Ok((options, frames))
+}
+
+/// The tasks of all views, those of some views band by band.
+fn divided<'p>(args: &Args, options: &Options, tasks: Vec<Task<'p>>, devices: &[Device]) -> Vec<Task<'p>> {
+    let counts = [tasks.len(), devices.len()];
+    let is_asked_for = args.share == Share::Frame && devices.len() > 1;
+    let (mut divided, mut why) = (Vec::new(), None);
+    for task in tasks {
+        let whole = task.whole_because(args, options);
+        let bands = bands_of(args.share, task.shot.camera.size_px, counts);
+        if whole.is_some() || bands.is_empty() {
+            why = why.or(whole);
+            divided.push(task);
+            continue;
+        }
+        divided.extend(bands.into_iter().map(|band| Task { band: Some(band), ..task.clone() }));
+    }
+    if let Some(why) = why.filter(|_| is_asked_for) {
+        remark(&format!("note: --share frame: {why}; one device draws each of them"));
+    }
+    divided
 }
 
 /// Draws on all devices, encodes on all cores, and notes on this thread what is complete.
@@ -138,7 +161,10 @@ fn draw<'p>(
                 let _guard = run.queue.stopped_by_panics();
                 for job in to_encode {
                     // Without the other end the run has failed.
-                    _ = written.send(job.run(run.args, is_recorded));
+                    match job.run(run.args, &run.bands, is_recorded).transpose() {
+                        Some(outcome) => _ = written.send(outcome),
+                        None => {}
+                    }
                 }
             };
             threads.spawn(encode)?;

@@ -6,12 +6,15 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 
 use super::Args;
+use super::bands::{Bands, Parts};
 use super::buffer_pool::{PooledFrame, Rgb8};
 use super::outputs::{Output, Shot};
 use super::records::Content;
 use crate::files;
 use crate::pixels::{Alpha, Pixels};
-use crate::render::{Frame, HostFrame, depths};
+use crate::render::{Band, Frame, HostFrame, depths};
+
+const MISSING: &str = "the pixels were not brought in this form";
 
 /// A view of the plan and those of its files that are not complete yet.
 #[derive(Clone)]
@@ -23,6 +26,8 @@ pub(super) struct Task<'p> {
     pub depths: Vec<&'p Output>,
     /// It is a frame of a video.
     pub is_of_video: bool,
+    /// The rows that are drawn, if not all are.
+    pub band: Option<Band>,
 }
 
 /// The pixels of a view.
@@ -75,18 +80,26 @@ impl AddAssign for Times {
 }
 
 impl<'p> Job<'p> {
-    /// Writes all files of the view, and looks at them for the record of the run if that `is_recorded`.
-    pub fn run(self, args: &Args, is_recorded: bool) -> Result<Written<'p>> {
-        let Self { task, frames, source } = self;
+    /// Writes all files of the view, and looks at them for the record of the run if that `is_recorded`. `None` if it is
+    /// a band of a view of which others are missing.
+    pub fn run(self, args: &Args, bands: &Bands, is_recorded: bool) -> Result<Option<Written<'p>>> {
+        let Self { task, mut frames, source } = self;
         let (started, writing_before) = (Instant::now(), files::time_in_writes());
         let mut certified = None;
         let rgb8;
-        match source {
-            Source::Host(mut frame) => {
+        match (source, task.band) {
+            (Source::Host(mut frame), Some(band)) => {
+                let complete = bands.add(&task, band, frames, &mut frame.host);
+                drop(frame);
+                let Some((all, parts)) = complete else { return Ok(None) };
+                (frames, rgb8) = (all, None);
+                task.write_parts(args, parts)?;
+            }
+            (Source::Host(mut frame), None) => {
                 task.write_host(args, &mut frame.host)?;
                 rgb8 = task.is_of_video.then_some(Rgb8::Pooled(frame));
             }
-            Source::Read { picture, depths, certificate, unused: _unused } => {
+            (Source::Read { picture, depths, certificate, unused: _unused }, _) => {
                 rgb8 = picture.as_ref().filter(|_| task.is_of_video).map(|pixels| Rgb8::Owned(pixels.to_rgb8()));
                 task.write_read(args, picture.as_ref(), depths.as_ref())?;
                 if let (Some(file), Some(certificate)) = (&task.shot.certificate, certificate) {
@@ -99,7 +112,7 @@ impl<'p> Job<'p> {
         let contents = written.map(|output| Content::of(&output.path).ok()).collect();
         let writing = files::time_in_writes() - writing_before;
         let times = Times { encoding: started.elapsed().saturating_sub(writing), writing };
-        Ok(Written { task, frames, contents, certified, rgb8, times })
+        Ok(Some(Written { task, frames, contents, certified, rgb8, times }))
     }
 }
 
@@ -110,12 +123,11 @@ impl Task<'_> {
     }
 
     fn write_host(&self, args: &Args, host: &mut HostFrame) -> Result<()> {
-        const MISSING: &str = "the pixels were not brought in this form";
         let mut floats = None;
         for output in &self.picture {
             if let Some(integers) = output.integers(args.background) {
                 let bytes = host.integers(integers).context(MISSING)?;
-                integers.write(&output.path, self.shot.camera.size_px, bytes, args.compression)?;
+                integers.write(&output.path, self.shot.camera.size_px, &[bytes], args.compression)?;
             } else {
                 if floats.is_none() {
                     floats = host.picture();
@@ -124,6 +136,20 @@ impl Task<'_> {
             }
         }
         self.write_depths(args, host.depths().as_ref())
+    }
+
+    fn write_parts(&self, args: &Args, mut parts: Parts) -> Result<()> {
+        let size = self.shot.camera.size_px;
+        let floats = parts.picture(size);
+        for output in &self.picture {
+            if let Some(integers) = output.integers(args.background) {
+                let bytes = parts.integers(integers).context(MISSING)?;
+                integers.write(&output.path, size, &bytes, args.compression)?;
+            } else {
+                output.write_picture(floats.as_ref().context(MISSING)?, args)?;
+            }
+        }
+        self.write_depths(args, parts.depths(size).as_ref())
     }
 
     fn write_read(&self, args: &Args, picture: Option<&Pixels>, inspected: Option<&Pixels>) -> Result<()> {

@@ -8,6 +8,7 @@
 //! - `notes` - notes on pictures: empty, cut by the near plane, drawn in depth slabs
 //! - `queue` - the views that are left to draw
 //! - `device` - the work of one device: takes views and hands on their pixels
+//! - `bands` - pictures that are drawn band by band
 //! - `encode` - encodes pictures on all cores
 //! - `buffer_pool` - host memory of frames
 //! - `video` - `--video`
@@ -18,6 +19,7 @@
 //! - `verify` - `--verify`: missing and wrong files
 //! - `report` - the report, as it is written to JSON
 
+mod bands;
 mod buffer_pool;
 mod camera_list;
 mod device;
@@ -45,7 +47,7 @@ use crate::cli::budget::BudgetArgs;
 use crate::cli::cameras::{EyeArgs, FilmArgs, LensArgs, SplitArg};
 use crate::cli::devices::{DevicesArgs, names_of, say_memory};
 use crate::cli::drawable::read_places;
-use crate::cli::headings::{ACCURACY, CAMERAS, LEVELS, MANY, OUTPUT, REPORTS};
+use crate::cli::headings::{ACCURACY, CAMERAS, DEVICE, LEVELS, MANY, OUTPUT, REPORTS};
 use crate::cli::knobs::Knobs;
 use crate::cli::scenes::SceneArg;
 use crate::cli::sink::Sink;
@@ -55,6 +57,7 @@ use crate::measure::bench::VersionReport;
 use crate::options::Options;
 use crate::pixels::{Compression, FileKind};
 use crate::rules::Background;
+use bands::Share;
 pub(super) use camera_list::{SelectedCamera, select_cameras};
 use outputs::{Layer, Names};
 use plan::{Plan, Source, plan};
@@ -211,6 +214,14 @@ pub(super) struct Args {
     measure_levels: bool,
     #[command(flatten)]
     device: DevicesArgs,
+    /// What several devices share: auto, frame or views [default: auto]
+    ///
+    /// views: each device draws whole pictures. frame: each picture is drawn in bands of rows, by all devices. auto:
+    /// whole pictures, but bands of a picture of 16 megapixels or more if there are fewer pictures than devices. The
+    /// files have the same bytes.
+    #[arg(long, help_heading = DEVICE, value_name = "HOW", default_value = "auto", hide_default_value = true)]
+    #[arg(hide_possible_values = true, value_parser = bands::parse_share())]
+    share: Share,
     /// Print GPU times of stages, the phases of the start, and the load of threads
     #[arg(long, help_heading = REPORTS)]
     timings: bool,

@@ -155,6 +155,7 @@ impl Bench {
             certified_error: None,
             psnr_db: None,
             together: None,
+            split: None,
         })
     }
 

@@ -6,6 +6,7 @@
 //! - `measure` - the measurement of a run
 //! - `warm_up` - protocol and warm-up
 //! - `together` - several devices at the same time
+//! - `split` - frames that several devices draw in bands
 //! - `bandwidth`, `clocks` (`no_clocks` without the feature) - the device: copy bandwidth, clock rates
 //! - `statistics` - minimum, median, mean, percentiles
 //! - `report`, `machine` - the report as JSON and CSV; its entries of program and device
@@ -18,6 +19,7 @@ mod compare;
 mod machine;
 mod measure;
 mod report;
+mod split;
 mod statistics;
 mod together;
 mod warm_up;
@@ -29,9 +31,10 @@ pub use machine::{Clocks, DeviceReport, VersionReport};
 pub(crate) use measure::notice;
 pub use measure::{Bench, stage_times};
 pub use report::{
-    Allocation, Counts, DetailReport, DeviceSpeed, FrameTimes, Report, Run, SceneReport, StageReport, Subject,
-    image_hash, views_hash,
+    Allocation, Counts, DetailReport, DeviceSpeed, FrameTimes, Report, Run, SceneReport, StageReport, StageTime,
+    Subject, image_hash, views_hash,
 };
+pub use split::{SplitDevice, SplitReport, split};
 pub use statistics::Statistics;
 pub use together::together;
 pub use warm_up::{Protocol, WarmUp, WarmUpLimits};

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::machine::{Clocks, DeviceReport, VersionReport};
+use super::split::SplitReport;
 use super::statistics::Statistics;
 use super::warm_up::WarmUp;
 use crate::camera::Camera;
@@ -72,6 +73,18 @@ pub struct Run {
     /// With several devices, the speed of each while all draw; else null.
     #[serde(default)]
     pub together: Option<Vec<DeviceSpeed>>,
+    /// With several devices and --share frame, frames that all draw in bands; else null.
+    #[serde(default)]
+    pub split: Option<SplitReport>,
+}
+
+/// The time of a stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StageTime {
+    pub name: String,
+    /// Milliseconds.
+    pub ms: f64,
 }
 
 /// The speed of a device while all draw.

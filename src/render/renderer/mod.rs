@@ -216,9 +216,14 @@ impl Renderer {
 
     /// The reason why pictures of a camera are not drawn in bands; `None` if they can be.
     pub fn undividable(&self, camera: &Camera) -> Option<&'static str> {
-        if camera.lens.is_some() || self.options.rules.response == Response::Ray {
+        Self::whole_because(&self.options, camera)
+    }
+
+    /// The reason why pictures of a camera by these options are not drawn in bands; `None` if they can be.
+    pub fn whole_because(options: &Options, camera: &Camera) -> Option<&'static str> {
+        if camera.lens.is_some() || options.rules.response == Response::Ray {
             Some("pictures along rays are drawn as a whole")
-        } else if self.upscaler.is_some() {
+        } else if options.scale != 1.0 {
             Some("pictures that are drawn smaller and then enlarged are drawn as a whole")
         } else {
             None

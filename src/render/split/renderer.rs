@@ -51,6 +51,13 @@ pub struct DrawnBand {
     pub host: HostFrame,
 }
 
+impl DrawnBand {
+    /// The time by which the work is balanced: that of the GPU, or of a frame in slabs with the waits for its pages.
+    fn cost_ms(&self) -> f64 {
+        self.frame.parts.map_or_else(|| self.frame.gpu_ms(), |parts| parts.wall_ms)
+    }
+}
+
 impl SplitRenderer {
     /// A renderer of each device, all of the same scene and options.
     pub fn new(renderers: Vec<(&Device, Renderer)>) -> Self {
@@ -64,24 +71,32 @@ impl SplitRenderer {
         Self { balance: Balance::new(parts.len()), parts, lost: Vec::new() }
     }
 
+    /// The reason why the first device draws pictures of a camera as a whole; `None` if all devices draw bands.
+    pub fn undividable(&mut self, camera: &Camera) -> Option<&'static str> {
+        self.parts.first_mut().and_then(|part| part.queue.renderer().undividable(camera))
+    }
+
     /// Draws a picture. Its pixels go to host memory in the forms of `outputs`. If a device is lost, the others draw
     /// the picture again.
     ///
     /// # Errors
-    /// If memory runs out, no device is left, or pictures of the camera have no bands: [`Renderer::undividable`].
+    /// If memory runs out, or no device is left.
     pub fn render(&mut self, camera: &Camera, background: Background, outputs: &FrameOutputs) -> Result<SplitFrame> {
         let started = Instant::now();
         loop {
             ensure!(!self.parts.is_empty(), "a picture in bands needs a device");
             let unit = self.parts.iter_mut().map(|part| part.queue.renderer().band_rows(camera)).max().unwrap_or(1);
-            let bands = self.balance.bands(camera.size_px[1], unit);
+            let bands = match self.undividable(camera) {
+                None => self.balance.bands(camera.size_px[1], unit),
+                Some(_) => vec![Band::whole(camera.size_px)],
+            };
             let mut drawn = draw(&mut self.parts, &bands, |part, band| {
                 let whole = (bands.len() > 1).then_some(band);
                 part.draw((camera, whole), background, outputs, started)
             })?;
             let Some(lost) = drawn.iter().position(Result::is_err) else {
                 let bands = Vec::from_iter(drawn.into_iter().map_while(Result::ok));
-                self.balance.learn(&Vec::from_iter(bands.iter().map(|band| band.frame.gpu_ms())));
+                self.balance.learn(&Vec::from_iter(bands.iter().map(DrawnBand::cost_ms)));
                 return Ok(SplitFrame { bands, latency: started.elapsed() });
             };
             // The error is given out if it is another one, or no other device is left.

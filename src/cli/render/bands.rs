@@ -1,0 +1,217 @@
+//! Pictures in bands: which views devices draw band by band, and how their bands become one picture.
+
+use std::collections::HashMap;
+use std::sync::Mutex;
+
+use super::encode::Task;
+use crate::cli::one_of;
+use crate::gpu::Timing;
+use crate::pixels::{Integers, Pixels};
+use crate::render::{BAND_ROWS, Band, Frame, HostFrame, SlabReport, Totals};
+
+/// How several devices share the work.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Share {
+    /// Whole views, and bands where that pays.
+    #[default]
+    Auto,
+    /// Bands of every view.
+    Frame,
+    /// Whole views.
+    Views,
+}
+
+const SHARES: [(&str, &str, Share); 3] = [
+    ("auto", "Whole views; bands of a picture of 16 megapixels or more that one device would draw alone", Share::Auto),
+    ("frame", "Bands of every picture", Share::Frame),
+    ("views", "Whole views", Share::Views),
+];
+
+/// The parser of `--share`.
+pub(crate) fn parse_share() -> impl clap::builder::TypedValueParser<Value = Share> {
+    one_of(SHARES)
+}
+
+/// A picture with fewer pixels is drawn faster than another device is prepared and its band is copied.
+const LEAST_PIXELS: u64 = 16_000_000;
+
+/// More pixels than the fast path draws at once with its highest bins: 7,200 bins of 64x64 pixels.
+const LARGE_PIXELS: u64 = 7200 * 64 * 64;
+
+/// Pixels of a band of a large picture. Bands are copied and compressed while others are drawn.
+const BAND_PIXELS: u64 = 8_000_000;
+
+/// Bands of each device of a picture: more even work than with one, at the cost of culling the scene once more.
+const BANDS_EACH: u64 = 2;
+
+/// The bands of a view; empty if it is drawn as a whole.
+pub(super) fn bands_of(share: Share, size: [u32; 2], [views, devices]: [usize; 2]) -> Vec<Band> {
+    let pixels = size.iter().map(|side| u64::from(*side)).product::<u64>();
+    let is_alone = views < devices && pixels >= LEAST_PIXELS;
+    let is_divided = match share {
+        Share::Views => false,
+        Share::Frame => devices > 1,
+        Share::Auto => is_alone,
+    };
+    if !is_divided && pixels <= LARGE_PIXELS {
+        return Vec::new();
+    }
+    let for_devices = if is_divided { BANDS_EACH * devices as u64 } else { 1 };
+    let bands = pixels.div_ceil(BAND_PIXELS).max(for_devices);
+    let rows = u64::from(size[1]).div_ceil(bands).next_multiple_of(BAND_ROWS.into()) as u32;
+    let borders = Vec::from_iter((rows..size[1]).step_by(rows as usize));
+    if borders.is_empty() { Vec::new() } else { Band::between(&borders, size[1]) }
+}
+
+/// The pixels of a picture, in consecutive parts of whole rows.
+#[derive(Default)]
+pub(super) struct Parts {
+    integers: Vec<(Integers, Vec<Vec<u8>>)>,
+    floats: Vec<[f32; 4]>,
+    depths: Vec<[f32; 4]>,
+}
+
+/// The bands of pictures that are not complete.
+#[derive(Default)]
+pub(super) struct Bands(Mutex<HashMap<usize, Vec<(Band, Vec<Frame>, Parts)>>>);
+
+impl Bands {
+    /// Takes over a band of a view. Returns the frames and the pixels of the view if that was its last band.
+    ///
+    /// # Panics
+    /// If another thread has panicked.
+    pub fn add(
+        &self,
+        task: &Task,
+        band: Band,
+        frames: Vec<Frame>,
+        host: &mut HostFrame,
+    ) -> Option<(Vec<Frame>, Parts)> {
+        let part = Parts::of(host);
+        let mut pictures = self.0.lock().expect("no holder of the bands panics");
+        let drawn = pictures.entry(task.number).or_default();
+        drawn.push((band, frames, part));
+        let rows: u32 = drawn.iter().map(|(band, ..)| band.rows).sum();
+        if rows < task.shot.camera.size_px[1] {
+            return None;
+        }
+        let mut drawn = pictures.remove(&task.number)?;
+        drop(pictures);
+        drawn.sort_unstable_by_key(|(band, ..)| band.top);
+        let (mut frames, mut whole) = (Vec::new(), Parts::default());
+        for (_, of_band, part) in drawn {
+            frames.push(of_band);
+            whole.append(part);
+        }
+        Some((joined(&frames), whole))
+    }
+}
+
+impl Parts {
+    fn of(host: &mut HostFrame) -> Self {
+        let all = [Integers::Rgb8, Integers::Rgb16, Integers::Grey8, Integers::Grey16];
+        let integers = all.into_iter().filter_map(|kind| Some((kind, vec![host.integers(kind)?.to_vec()]))).collect();
+        let floats = host.picture().map_or_else(Vec::new, |pixels| pixels.rgba);
+        Self { integers, floats, depths: host.depths().map_or_else(Vec::new, |pixels| pixels.rgba) }
+    }
+
+    fn append(&mut self, below: Self) {
+        for (kind, parts) in below.integers {
+            match self.integers.iter_mut().find(|(known, _)| *known == kind) {
+                Some((_, above)) => above.extend(parts),
+                None => self.integers.push((kind, parts)),
+            }
+        }
+        self.floats.extend(below.floats);
+        self.depths.extend(below.depths);
+    }
+
+    /// The bytes of the picture as integers, if it has them.
+    pub fn integers(&self, integers: Integers) -> Option<Vec<&[u8]>> {
+        let (_, parts) = self.integers.iter().find(|(kind, _)| *kind == integers)?;
+        Some(parts.iter().map(Vec::as_slice).collect())
+    }
+
+    /// The picture as floats, if it has them.
+    pub fn picture(&mut self, size: [u32; 2]) -> Option<Pixels> {
+        (!self.floats.is_empty()).then(|| Pixels { size, rgba: std::mem::take(&mut self.floats) })
+    }
+
+    /// The input of [`depths`](crate::render::depths), if it has one.
+    pub fn depths(&mut self, size: [u32; 2]) -> Option<Pixels> {
+        (!self.depths.is_empty()).then(|| Pixels { size, rgba: std::mem::take(&mut self.depths) })
+    }
+}
+
+/// The reports of a view from those of its bands: sums, the longest list, and the most attempts of a band.
+fn joined(bands: &[Vec<Frame>]) -> Vec<Frame> {
+    let mut bands = bands.iter();
+    let mut whole = bands.next().cloned().unwrap_or_default();
+    for band in bands {
+        for (sum, frame) in whole.iter_mut().zip(band) {
+            add(sum, frame);
+        }
+    }
+    whole
+}
+
+fn add(sum: &mut Frame, band: &Frame) {
+    let listed = |totals: &Totals| u64::from(totals.listed_high) << 32 | u64::from(totals.listed_low);
+    let all = listed(&sum.totals) + listed(&band.totals);
+    let (into, from) = (&mut sum.totals, &band.totals);
+    into.visible = into.visible.saturating_add(from.visible);
+    into.visible_kept = into.visible_kept.saturating_add(from.visible_kept);
+    into.spans = into.spans.saturating_add(from.spans);
+    into.listed_kept = into.listed_kept.saturating_add(from.listed_kept);
+    (into.listed_low, into.listed_high) = (all as u32, (all >> 32) as u32);
+    into.longest_list = into.longest_list.max(from.longest_list);
+    sum.attempts = sum.attempts.max(band.attempts);
+    for timing in &band.timings {
+        match sum.timings.iter_mut().find(|known| (known.name, known.depth) == (timing.name, timing.depth)) {
+            Some(Timing { duration_ms, .. }) => *duration_ms += timing.duration_ms,
+            None => sum.timings.push(timing.clone()),
+        }
+    }
+    sum.parts = match (sum.parts, band.parts) {
+        (Some(above), Some(below)) => Some(SlabReport {
+            slabs: above.slabs.max(below.slabs),
+            wall_ms: above.wall_ms + below.wall_ms,
+            pages_in_view: above.pages_in_view + below.pages_in_view,
+            pages_read: above.pages_read + below.pages_read,
+            bytes_read: above.bytes_read + below.bytes_read,
+        }),
+        (above, below) => above.or(below),
+    };
+    if let (Some(above), Some(below)) = (&mut sum.detail, &band.detail) {
+        above.pages += below.pages;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_large_or_single_pictures_are_divided_unless_asked_for() {
+        let count = |share, size, views, devices| bands_of(share, size, [views, devices]).len();
+        let full_hd = [1920, 1080];
+        assert_eq!([1, 2, 4].map(|devices| count(Share::Auto, full_hd, 1, devices)), [0; 3]);
+        assert_eq!([1, 2, 4].map(|devices| count(Share::Frame, full_hd, 97, devices)), [0, 4, 6]);
+        let dome = [16384, 8192];
+        assert_eq!([1, 2, 4].map(|devices| count(Share::Auto, dome, 1, devices)), [16; 3]);
+        assert_eq!(count(Share::Views, dome, 1, 2), 16, "the fast path cannot draw it at once");
+        assert_eq!([1, 2].map(|devices| count(Share::Auto, [7680, 4320], 1, devices)), [5; 2]);
+        assert_eq!(count(Share::Auto, [5120, 4096], 1, 1), 0);
+        assert_eq!(count(Share::Auto, [5120, 4096], 1, 2), 4);
+        assert_eq!(count(Share::Auto, [5120, 4096], 2, 2), 0, "each device has a view");
+        assert_eq!(count(Share::Frame, [500, 64], 1, 2), 0, "it is one row of bins");
+        for share in [Share::Auto, Share::Frame, Share::Views] {
+            for size in [dome, full_hd, [100, 30_000], [9000, 3333], [64, 65]] {
+                let bands = bands_of(share, size, [1, 3]);
+                let rows: u32 = bands.iter().map(|band| band.rows).sum();
+                assert!(bands.is_empty() || rows == size[1], "{bands:?}");
+                assert!(bands.iter().all(|band| band.top.is_multiple_of(BAND_ROWS) && band.rows > 0));
+            }
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! The latency of frames that several devices draw in bands.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, anyhow};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::measure::stage_times;
+use super::report::StageTime;
+use super::statistics::Statistics;
+use crate::camera::Camera;
+use crate::gpu::Device;
+use crate::options::Options;
+use crate::pixels::Integers;
+use crate::render::{DrawnBand, Form, Frame, FrameOutputs, GpuScene, Renderer, SplitFrame, SplitRenderer};
+use crate::rules::Background;
+use crate::threads::{self, joined};
+
+/// Least duration of the warm-up, which draws all views at least twice, and most of the measurement.
+const WARM_UP: Duration = Duration::from_secs(1);
+const MEASURED: Duration = Duration::from_secs(10);
+
+/// Frames in bands, and the same frames on the first device alone. Pixels come to host memory with 8 bits per channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SplitReport {
+    /// Milliseconds from the call to the last pixel in host memory.
+    pub latency_ms: Statistics,
+    /// The same on the first device alone.
+    pub latency_alone_ms: Statistics,
+    /// GPU time of the slowest band in milliseconds.
+    pub slowest_gpu_ms: Statistics,
+    /// GPU time on the first device alone in milliseconds.
+    pub gpu_alone_ms: Statistics,
+    /// The GPU time of the slowest band over the mean of all bands.
+    pub slowest_over_mean: Statistics,
+    pub devices: Vec<SplitDevice>,
+}
+
+/// The part of one device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SplitDevice {
+    pub device: String,
+    /// Rows of its band.
+    pub rows: Statistics,
+    /// GPU time of its band in milliseconds.
+    pub gpu_ms: Statistics,
+    /// Milliseconds from the end of its own band to the end of the slowest.
+    pub wait_ms: Statistics,
+    /// Milliseconds of its band that are not GPU time of stages: the host, rounding to 8 bits, the copy to the host.
+    pub transfer_ms: Statistics,
+    /// Medians of its stages in milliseconds.
+    pub stages: Vec<StageTime>,
+}
+
+/// Measures at most `frames` frames in bands. `load` loads the scene onto a device.
+///
+/// # Errors
+/// If a device fails.
+pub fn split(
+    devices: &[Device],
+    load: &(dyn Fn(&Device) -> Result<GpuScene> + Sync),
+    options: &Options,
+    views: &[Camera],
+    frames: usize,
+) -> Result<SplitReport> {
+    let alone = measure(&devices[..1], load, options, views, frames)?;
+    let frames = measure(devices, load, options, views, frames)?;
+    let latency = |frames: &[Measured]| Statistics::of(frames.iter().map(|frame| frame.latency_ms));
+    let slowest = |frame: &Measured| frame.bands.iter().map(|band| band.gpu_ms).fold(0.0, f64::max);
+    let over_mean = |frame: &Measured| {
+        let sum: f64 = frame.bands.iter().map(|band| band.gpu_ms).sum();
+        slowest(frame) * frame.bands.len() as f64 / sum
+    };
+    let of_device = |number: usize| {
+        let bands = || frames.iter().filter_map(move |frame| Some((frame, frame.bands.get(number)?)));
+        let first = bands().next()?.1;
+        let stages = stage_times(Vec::from_iter(bands().map(|(_, band)| &band.frame)).into_iter());
+        let stage = |(name, ms): (&str, Statistics)| StageTime { name: name.to_owned(), ms: ms.median };
+        Some(SplitDevice {
+            device: first.device.clone(),
+            rows: Statistics::of(bands().map(|(_, band)| f64::from(band.rows))),
+            gpu_ms: Statistics::of(bands().map(|(_, band)| band.gpu_ms)),
+            wait_ms: Statistics::of(bands().map(|(frame, band)| frame.latency_ms - band.latency_ms)),
+            transfer_ms: Statistics::of(bands().map(|(_, band)| band.latency_ms - band.gpu_ms)),
+            stages: stages.into_iter().map(stage).collect(),
+        })
+    };
+    Ok(SplitReport {
+        latency_ms: latency(&frames),
+        latency_alone_ms: latency(&alone),
+        slowest_gpu_ms: Statistics::of(frames.iter().map(slowest)),
+        gpu_alone_ms: Statistics::of(alone.iter().map(slowest)),
+        slowest_over_mean: Statistics::of(frames.iter().map(over_mean)),
+        devices: (0..devices.len()).filter_map(of_device).collect(),
+    })
+}
+
+/// A measured frame.
+struct Measured {
+    latency_ms: f64,
+    bands: Vec<MeasuredBand>,
+}
+
+struct MeasuredBand {
+    device: String,
+    rows: u32,
+    gpu_ms: f64,
+    latency_ms: f64,
+    frame: Frame,
+}
+
+impl Measured {
+    fn of(frame: &SplitFrame) -> Self {
+        let ms = |duration: Duration| 1e3 * duration.as_secs_f64();
+        let band = |band: &DrawnBand| MeasuredBand {
+            device: band.device.clone(),
+            rows: band.band.rows,
+            gpu_ms: band.frame.gpu_ms(),
+            latency_ms: ms(band.latency),
+            frame: band.frame.clone(),
+        };
+        Self { latency_ms: ms(frame.latency), bands: frame.bands.iter().map(band).collect() }
+    }
+}
+
+fn measure(
+    devices: &[Device],
+    load: &(dyn Fn(&Device) -> Result<GpuScene> + Sync),
+    options: &Options,
+    views: &[Camera],
+    frames: usize,
+) -> Result<Vec<Measured>> {
+    let make = |device| Renderer::new(device, options, &load(device)?);
+    let renderers = threads::scope(|threads| -> Result<Vec<_>> {
+        let making = devices.iter().map(|device| threads.spawn(move || make(device)));
+        let making = making.collect::<Result<Vec<_>, _>>()?;
+        devices.iter().zip(making).map(|(device, making)| Ok((device, joined(making)?))).collect()
+    })?;
+    let mut split = SplitRenderer::new(renderers);
+    let outputs = FrameOutputs { picture: vec![Form::Integers(Integers::Rgb8)], ..FrameOutputs::default() };
+    let mut draw = |view: &Camera| -> Result<Measured> {
+        let frame = split.render(view, Background::BLACK, &outputs)?;
+        let measured = Measured::of(&frame);
+        split.recycle(frame);
+        // A measurement of fewer devices would be one of something else.
+        split.take_lost().pop().map_or(Ok(measured), |(device, error)| Err(error.context(anyhow!("{device}"))))
+    };
+    let started = Instant::now();
+    for (number, view) in views.iter().cycle().enumerate() {
+        let is_slow = number > 0 && started.elapsed() > MEASURED;
+        if is_slow || number >= 2 * views.len() && started.elapsed() > WARM_UP {
+            break;
+        }
+        draw(view)?;
+    }
+    let started = Instant::now();
+    let mut measured = Vec::new();
+    for view in views.iter().cycle().take(frames.max(1)) {
+        measured.push(draw(view)?);
+        if started.elapsed() > MEASURED {
+            break;
+        }
+    }
+    Ok(measured)
+}
