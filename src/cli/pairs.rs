@@ -36,13 +36,13 @@ const COMMANDS: [Pairs; 10] = [
             LEVELS,
             BUDGET,
             "output format compression layers names size cameras split camera path fps video resume background preset",
-            "portable",
+            "portable share",
             "reference timings certificate certify-rays dump json no-clobber orbit shard verify place measure-levels",
             PLACE,
             LENS,
         ],
         refused: &[
-            ("reference", "device portable timings dump certificate certify-rays max-error min-psnr"),
+            ("reference", "device share portable timings dump certificate certify-rays max-error min-psnr"),
             ("reference", "stop key-bits sh-storage shape-storage scale"),
             ("reference", LEVELS),
             ("lod-psnr", "lod-error"),
@@ -61,7 +61,7 @@ const COMMANDS: [Pairs; 10] = [
             ("orbit", "path cameras camera split dump"),
             ("resume", "certificate certify-rays dump"),
             ("shard", "dump max-error min-psnr"),
-            ("verify", "device resume no-clobber certificate certify-rays dump timings max-error min-psnr"),
+            ("verify", "device share resume no-clobber certificate certify-rays dump timings max-error min-psnr"),
         ],
     },
     Pairs {
@@ -127,7 +127,7 @@ const COMMANDS: [Pairs; 10] = [
             PLACE,
             LENS,
             "cameras split path size warmup frames preset check certificate",
-            "json csv plot baseline threshold place measure-levels",
+            "json csv plot baseline threshold place measure-levels share",
         ],
         refused: &[
             ("cameras", "path"),

@@ -41,22 +41,23 @@ const EDGES: [(&str, &str); 23] = [
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
-const RENDER_ROOMS: [(&str, &str); 26] = [
+const RENDER_ROOMS: [(&str, &str); 28] = [
     ("shaders", ""),
     ("readback", ""),
+    ("band", ""),
     ("pack", "shaders"),
     ("upscale", "shaders"),
     ("capacity", "shaders"),
     ("path", "capacity"),
     ("scene", "shaders"),
-    ("frame", "shaders scene"),
+    ("frame", "shaders band scene"),
     ("constants", "shaders frame"),
     ("arrays", "shaders scene constants"),
     ("portable", "shaders capacity scene frame constants"),
     ("rays", "shaders scene frame constants portable"),
-    ("fast", "shaders capacity scene frame constants portable"),
+    ("fast", "shaders band capacity scene frame constants portable"),
     ("fast_rays", "shaders scene frame rays fast"),
-    ("inspect", "shaders scene frame constants portable rays"),
+    ("inspect", "shaders band scene frame constants portable rays"),
     ("marks", "shaders scene frame"),
     ("prune", "shaders readback capacity scene frame constants portable"),
     ("pages", "shaders scene frame fast inspect"),
@@ -72,10 +73,11 @@ const RENDER_ROOMS: [(&str, &str); 26] = [
     ("self_test", "shaders readback capacity path scene frame fast path_choice"),
     (
         "renderer",
-        "shaders readback upscale capacity path scene frame constants inspect lod streaming recorded path_choice \
+        "shaders readback band upscale capacity path scene frame constants inspect lod streaming recorded path_choice \
          self_test",
     ),
-    ("frame_queue", "pack capacity path inspect recorded renderer"),
+    ("frame_queue", "band pack capacity path inspect recorded renderer"),
+    ("split", "band recorded renderer frame_queue"),
 ];
 
 /// The rooms inside `viewer`, from the ground up, and the rooms that each may use.

@@ -164,6 +164,9 @@ pub(super) fn run(args: &Args) -> Result<()> {
     args.plot.as_deref().map_or(Ok(()), check_writable)?;
     let devices = args.device.open()?;
     let device = devices[0].clone();
+    if args.share == Share::Frame && devices.len() == 1 {
+        remark("note: --share frame has no effect with one device: --device 0,1 or --device all takes several");
+    }
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
     let lens = &args.lens;
     let cameras = match &args.cameras {

@@ -22,7 +22,7 @@ pub(crate) enum Share {
 }
 
 const SHARES: [(&str, &str, Share); 3] = [
-    ("auto", "Whole views; bands of a picture of 16 megapixels or more that one device would draw alone", Share::Auto),
+    ("auto", "Whole views; bands if there are fewer views than devices and the scene is drawn from pages", Share::Auto),
     ("frame", "Bands of every picture", Share::Frame),
     ("views", "Whole views", Share::Views),
 ];
@@ -32,31 +32,22 @@ pub(crate) fn parse_share() -> impl clap::builder::TypedValueParser<Value = Shar
     one_of(SHARES)
 }
 
-/// A picture with fewer pixels is drawn faster than another device is prepared and its band is copied.
-const LEAST_PIXELS: u64 = 16_000_000;
-
 /// More pixels than the fast path draws at once with its highest bins: 7,200 bins of 64x64 pixels.
 const LARGE_PIXELS: u64 = 7200 * 64 * 64;
 
 /// Pixels of a band of a large picture. Bands are copied and compressed while others are drawn.
-const BAND_PIXELS: u64 = 8_000_000;
+const BAND_PIXELS: u64 = 4_000_000;
 
-/// Bands of each device of a picture: more even work than with one, at the cost of culling the scene once more.
-const BANDS_EACH: u64 = 2;
+/// Bands of each device of a picture: more even work than with one, at the cost of more culls of the scene.
+const BANDS_EACH: u64 = 4;
 
-/// The bands of a view; empty if it is drawn as a whole.
-pub(super) fn bands_of(share: Share, size: [u32; 2], [views, devices]: [usize; 2]) -> Vec<Band> {
+/// The bands of a view that this number of devices draw; empty if one draws it as a whole.
+pub(super) fn bands_of(size: [u32; 2], devices: usize) -> Vec<Band> {
     let pixels = size.iter().map(|side| u64::from(*side)).product::<u64>();
-    let is_alone = views < devices && pixels >= LEAST_PIXELS;
-    let is_divided = match share {
-        Share::Views => false,
-        Share::Frame => devices > 1,
-        Share::Auto => is_alone,
-    };
-    if !is_divided && pixels <= LARGE_PIXELS {
+    if devices == 1 && pixels <= LARGE_PIXELS {
         return Vec::new();
     }
-    let for_devices = if is_divided { BANDS_EACH * devices as u64 } else { 1 };
+    let for_devices = if devices > 1 { BANDS_EACH * devices as u64 } else { 1 };
     let bands = pixels.div_ceil(BAND_PIXELS).max(for_devices);
     let rows = u64::from(size[1]).div_ceil(bands).next_multiple_of(BAND_ROWS.into()) as u32;
     let borders = Vec::from_iter((rows..size[1]).step_by(rows as usize));
@@ -192,22 +183,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_large_or_single_pictures_are_divided_unless_asked_for() {
-        let count = |share, size, views, devices| bands_of(share, size, [views, devices]).len();
-        let full_hd = [1920, 1080];
-        assert_eq!([1, 2, 4].map(|devices| count(Share::Auto, full_hd, 1, devices)), [0; 3]);
-        assert_eq!([1, 2, 4].map(|devices| count(Share::Frame, full_hd, 97, devices)), [0, 4, 6]);
-        let dome = [16384, 8192];
-        assert_eq!([1, 2, 4].map(|devices| count(Share::Auto, dome, 1, devices)), [16; 3]);
-        assert_eq!(count(Share::Views, dome, 1, 2), 16, "the fast path cannot draw it at once");
-        assert_eq!([1, 2].map(|devices| count(Share::Auto, [7680, 4320], 1, devices)), [5; 2]);
-        assert_eq!(count(Share::Auto, [5120, 4096], 1, 1), 0);
-        assert_eq!(count(Share::Auto, [5120, 4096], 1, 2), 4);
-        assert_eq!(count(Share::Auto, [5120, 4096], 2, 2), 0, "each device has a view");
-        assert_eq!(count(Share::Frame, [500, 64], 1, 2), 0, "it is one row of bins");
-        for share in [Share::Auto, Share::Frame, Share::Views] {
-            for size in [dome, full_hd, [100, 30_000], [9000, 3333], [64, 65]] {
-                let bands = bands_of(share, size, [1, 3]);
+    fn one_device_draws_only_large_pictures_in_bands() {
+        let count = |size, devices| bands_of(size, devices).len();
+        let (full_hd, dome) = ([1920, 1080], [16384, 8192]);
+        assert_eq!([1, 2, 4].map(|devices| count(full_hd, devices)), [0, 6, 9]);
+        assert_eq!([1, 2, 4].map(|devices| count(dome, devices)), [32; 3]);
+        assert_eq!([1, 2].map(|devices| count([7680, 4320], devices)), [9; 2]);
+        assert_eq!([1, 2].map(|devices| count([5120, 4096], devices)), [0, 8]);
+        assert_eq!(count([500, 64], 2), 0, "it is one row of bins");
+        for size in [dome, full_hd, [100, 30_000], [9000, 3333], [64, 65]] {
+            for devices in [1, 2, 3, 8] {
+                let bands = bands_of(size, devices);
                 let rows: u32 = bands.iter().map(|band| band.rows).sum();
                 assert!(bands.is_empty() || rows == size[1], "{bands:?}");
                 assert!(bands.iter().all(|band| band.top.is_multiple_of(BAND_ROWS) && band.rows > 0));

@@ -43,6 +43,8 @@ pub(super) struct Run<'p> {
     pub queue: Queue<Task<'p>>,
     /// What is drawn of views that are drawn band by band.
     pub bands: Bands,
+    /// The number of devices that begin; the others draw what these cannot finish.
+    pub drawers: usize,
     is_of_video: bool,
     /// When the first view was submitted.
     pub started: OnceLock<Instant>,
@@ -61,6 +63,8 @@ struct Worker<'r, 'p> {
     stream: FrameQueue,
     /// Makes the certificates against the response along rays.
     certifier: Option<RayCertifier>,
+    /// The first view, until it is submitted.
+    next: Option<Task<'p>>,
     in_flight: VecDeque<(Task<'p>, QueuedFrame)>,
     host: HostFrames,
     jobs: Sender<Job<'p>>,
@@ -82,14 +86,23 @@ struct HostFrames {
 
 impl<'p> Run<'p> {
     /// `encoders` is the number of threads that encode, of all `devices` together.
-    pub fn new(args: &'p Args, options: Options, tasks: Vec<Task<'p>>, devices: &[Device], encoders: usize) -> Self {
+    pub fn new(
+        args: &'p Args,
+        options: Options,
+        tasks: Vec<Task<'p>>,
+        (devices, drawers): (&[Device], usize),
+        encoders: usize,
+    ) -> Self {
         let largest = devices.iter().map(largest_streamed).min().unwrap_or(0);
         let bytes = tasks.iter().map(|task| task.host_bytes(args, largest)).max().unwrap_or(0);
         let pixels = |task: &Task| task.drawn_size().iter().map(|side| u64::from(*side)).product::<u64>();
         let image_bytes = 16 * tasks.iter().map(pixels).max().unwrap_or(0);
         let (devices, is_of_video) = (devices.len(), tasks.iter().any(|task| task.is_of_video));
         let fit = (HOST_BYTES / devices as u64 / bytes.max(1)) as usize;
-        let host_frames = fit.clamp(2, IN_FLIGHT + encoders.div_ceil(devices));
+        // The pixels of bands are copied to pictures at once. More memory would take longer to make than it saves.
+        let are_bands = tasks.iter().all(|task| task.band.is_some());
+        let on_their_way = if are_bands { IN_FLIGHT } else { encoders.div_ceil(devices) };
+        let host_frames = fit.clamp(2, IN_FLIGHT + on_their_way);
         let fault = Environment::read().ok().and_then(|environment| environment.fault);
         let fault = fault.and_then(|fault| fault.strip_prefix("device@")?.parse().ok());
         Self {
@@ -97,6 +110,7 @@ impl<'p> Run<'p> {
             options,
             queue: Queue::new(tasks),
             bands: Bands::default(),
+            drawers,
             is_of_video,
             started: OnceLock::new(),
             host_frames,
@@ -114,10 +128,26 @@ impl<'p> Run<'p> {
         4 * self.image_bytes + on_their_way
     }
 
-    /// Draws views on device `number` until none is left. If the device fails, it gives back what it had taken.
-    pub fn draw_on(&self, (number, device): (usize, &Device), scene: SceneSource, jobs: Sender<Job<'p>>) -> Result<()> {
-        let mut worker = Worker::new(self, (number, device), scene, jobs)?;
+    /// Draws views on device `number` until none is left, `first` first. Without a first one it waits for what a device
+    /// that fails gives back; the scene is not uploaded before. If the device fails, it gives back what it had taken.
+    pub fn draw_on(
+        &self,
+        (number, device): (usize, &Device),
+        first: Option<Task<'p>>,
+        scene: SceneSource,
+        jobs: Sender<Job<'p>>,
+    ) -> Result<()> {
+        let Some(first) = first.or_else(|| self.queue.take_given_back()) else { return Ok(()) };
+        let mut worker = match Worker::new(self, (number, device), scene, jobs) {
+            Ok(worker) => worker,
+            Err(error) => {
+                self.queue.give_back(first);
+                return Err(error);
+            }
+        };
+        worker.next = Some(first);
         let drawn = worker.draw();
+        worker.next.into_iter().for_each(|task| self.queue.give_back(task));
         while let Some((task, _)) = worker.in_flight.pop_back() {
             self.queue.give_back(task);
         }
@@ -224,7 +254,17 @@ impl<'r, 'p> Worker<'r, 'p> {
         };
         let largest = largest_streamed(device);
         let (stream, in_flight) = (FrameQueue::new(device, renderer), VecDeque::new());
-        Ok(Self { run, stream, certifier, in_flight, host, jobs, largest, fault: run.fault.filter(|_| number == 0) })
+        Ok(Self {
+            run,
+            stream,
+            certifier,
+            next: None,
+            in_flight,
+            host,
+            jobs,
+            largest,
+            fault: run.fault.filter(|_| number == 0),
+        })
     }
 
     fn draw(&mut self) -> Result<()> {
@@ -239,7 +279,8 @@ impl<'r, 'p> Worker<'r, 'p> {
             return Ok(false);
         }
         let Some(host) = self.host.take(waits, queue) else { return Ok(false) };
-        let Some(task) = (if waits { queue.take() } else { queue.try_take() }) else {
+        let next = self.next.take().or_else(|| if waits { queue.take() } else { queue.try_take() });
+        let Some(task) = next else {
             self.host.idle.push(host);
             return Ok(false);
         };

@@ -27,7 +27,7 @@ use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::reference;
-use crate::render::{Frame, LodReport, Path, SceneSource, SlabReport};
+use crate::render::{self, Frame, LodReport, Path, SceneSource, SlabReport};
 use crate::threads::{self, joined};
 
 /// The files of a view that are not complete yet: those of the picture, and those of depths and counts.
@@ -107,8 +107,8 @@ pub(super) fn by_gpu(
         notes: Notes::new(&scene.source, options.rules.near),
         times: Spent::default(),
     };
-    let tasks = divided(args, &options, tasks, devices);
-    let run = Run::new(args, options, tasks, devices, encoders);
+    let (tasks, drawers) = divided(args, &options, tasks, devices.len(), is_streamed(&scene.source));
+    let run = Run::new(args, options, tasks, (devices, drawers), encoders);
     let frames = match &plan.video {
         None => draw(&run, devices, scene.source, encoders, log)?,
         Some(video) => video.write(|encoder| {
@@ -120,14 +120,32 @@ pub(super) fn by_gpu(
     Ok((options, frames))
 }
 
-/// The tasks of all views, those of some views band by band.
-fn divided<'p>(args: &Args, options: &Options, tasks: Vec<Task<'p>>, devices: &[Device]) -> Vec<Task<'p>> {
-    let counts = [tasks.len(), devices.len()];
-    let is_asked_for = args.share == Share::Frame && devices.len() > 1;
+/// True for a page file of so many Gaussians that a picture takes longer than the start of another device.
+fn is_streamed(scene: &SceneSource) -> bool {
+    const LARGE: usize = 50_000_000;
+    matches!(scene.content, render::Content::File(_)) && scene.count() >= LARGE
+}
+
+/// The tasks of all views, those of some views band by band, and the number of devices that begin.
+fn divided<'p>(
+    args: &Args,
+    options: &Options,
+    tasks: Vec<Task<'p>>,
+    devices: usize,
+    is_streamed: bool,
+) -> (Vec<Task<'p>>, usize) {
+    let is_asked_for = args.share == Share::Frame && devices > 1;
+    // To prepare another device takes longer than to draw a picture of a scene that fits into device memory.
+    let is_shared = is_asked_for || args.share == Share::Auto && is_streamed && tasks.len() < devices;
+    let drawers = if is_shared { devices } else { devices.min(tasks.len()) };
+    let devices = if is_shared { devices } else { 1 };
+    if args.share == Share::Frame && devices == 1 {
+        remark("note: --share frame has no effect with one device: --device 0,1 or --device all takes several");
+    }
     let (mut divided, mut why) = (Vec::new(), None);
     for task in tasks {
         let whole = task.whole_because(args, options);
-        let bands = bands_of(args.share, task.shot.camera.size_px, counts);
+        let bands = bands_of(task.shot.camera.size_px, devices);
         if whole.is_some() || bands.is_empty() {
             why = why.or(whole);
             divided.push(task);
@@ -138,7 +156,7 @@ fn divided<'p>(args: &Args, options: &Options, tasks: Vec<Task<'p>>, devices: &[
     if let Some(why) = why.filter(|_| is_asked_for) {
         remark(&format!("note: --share frame: {why}; one device draws each of them"));
     }
-    divided
+    (divided, drawers)
 }
 
 /// Draws on all devices, encodes on all cores, and notes on this thread what is complete.
@@ -173,9 +191,12 @@ fn draw<'p>(
         let mut drawers = Vec::new();
         for (number, device) in devices.iter().enumerate() {
             let (scene, jobs) = (scene.clone(), jobs.clone());
+            // Bands of one view are shared only where that pays.
+            let first = if number < run.drawers { run.queue.try_take() } else { None };
             let draw = move || {
                 let _guard = run.queue.stopped_by_panics();
-                run.draw_on((number, device), scene, jobs).inspect_err(|error| go_on(run, device, devices, error))
+                run.draw_on((number, device), first, scene, jobs)
+                    .inspect_err(|error| go_on(run, device, devices, error))
             };
             drawers.push(threads.spawn(draw).inspect_err(stop)?);
         }

@@ -180,7 +180,7 @@ pub(super) struct Args {
     /// A file of this command, of any shard and layer, may be missing, truncated, damaged or of other settings. No
     /// device is needed.
     #[arg(long, help_heading = MANY)]
-    #[arg(conflicts_with_all = ["resume", "no_clobber", "certificate", "dump", "timings", "device"])]
+    #[arg(conflicts_with_all = ["resume", "no_clobber", "certificate", "dump", "timings", "device", "share"])]
     #[arg(conflicts_with_all = ["max_error", "min_psnr"])]
     verify: bool,
     /// exact, balanced (default), fast, preview, inria, gsplat, khr, portable
@@ -197,7 +197,7 @@ pub(super) struct Args {
     /// The reference draws by the rules of the picture and takes --sh-degree. All other options that trade accuracy for
     /// speed are refused with it.
     #[arg(long, help_heading = ACCURACY, conflicts_with = "place")]
-    #[arg(conflicts_with_all = ["device", "portable", "timings", "dump", "max_error", "min_psnr"])]
+    #[arg(conflicts_with_all = ["device", "share", "portable", "timings", "dump", "max_error", "min_psnr"])]
     reference: bool,
     /// Use the portable path, with any preset
     ///
@@ -217,8 +217,8 @@ pub(super) struct Args {
     /// What several devices share: auto, frame or views [default: auto]
     ///
     /// views: each device draws whole pictures. frame: each picture is drawn in bands of rows, by all devices. auto:
-    /// whole pictures, but bands of a picture of 16 megapixels or more if there are fewer pictures than devices. The
-    /// files have the same bytes.
+    /// whole pictures, but bands if the scene is drawn from pages and there are fewer pictures than devices. The files
+    /// have the same bytes.
     #[arg(long, help_heading = DEVICE, value_name = "HOW", default_value = "auto", hide_default_value = true)]
     #[arg(hide_possible_values = true, value_parser = bands::parse_share())]
     share: Share,

@@ -13,12 +13,14 @@ struct State<T> {
     left: VecDeque<T>,
     /// Tasks that were taken and are not finished.
     taken: usize,
+    /// Some task was given back.
+    was_given_back: bool,
     is_stopped: bool,
 }
 
 impl<T> Queue<T> {
     pub fn new(tasks: impl IntoIterator<Item = T>) -> Self {
-        let state = State { left: tasks.into_iter().collect(), taken: 0, is_stopped: false };
+        let state = State { left: tasks.into_iter().collect(), taken: 0, was_given_back: false, is_stopped: false };
         Self { state: Mutex::new(state), changed: Condvar::new() }
     }
 
@@ -34,6 +36,15 @@ impl<T> Queue<T> {
         self.changed.wait_while(self.state(), is_open).expect("no holder of the queue panics").take()
     }
 
+    /// The next task after one was given back. `None` if all are finished before, or the queue is stopped.
+    pub fn take_given_back(&self) -> Option<T> {
+        let is_left = |state: &mut State<T>| {
+            let is_done = state.left.is_empty() && state.taken == 0;
+            !state.is_stopped && !is_done && (!state.was_given_back || state.left.is_empty())
+        };
+        self.changed.wait_while(self.state(), is_left).expect("no holder of the queue panics").take()
+    }
+
     /// A task that was taken is finished.
     pub fn finish(&self) {
         self.state().taken -= 1;
@@ -44,6 +55,7 @@ impl<T> Queue<T> {
     pub fn give_back(&self, task: T) {
         let mut state = self.state();
         state.taken -= 1;
+        state.was_given_back = true;
         state.left.push_front(task);
         self.changed.notify_all();
     }
@@ -128,6 +140,26 @@ mod tests {
         done.sort_unstable();
         assert_eq!(done, Vec::from_iter(0..100));
         assert!(!queue.is_abandoned());
+    }
+
+    #[test]
+    fn who_waits_for_what_is_given_back_takes_nothing_else() {
+        let queue = Queue::new(0..5);
+        std::thread::scope(|threads| {
+            let idle = threads.spawn(|| queue.take_given_back());
+            for task in 0..5 {
+                assert_eq!(queue.take(), Some(task));
+                queue.finish();
+            }
+            assert_eq!(idle.join().unwrap(), None);
+        });
+        let queue = Queue::new(0..5);
+        std::thread::scope(|threads| {
+            let idle = threads.spawn(|| queue.take_given_back());
+            assert_eq!([queue.take(), queue.take()], [Some(0), Some(1)]);
+            queue.give_back(1);
+            assert_eq!(idle.join().unwrap(), Some(1));
+        });
     }
 
     #[test]

@@ -139,7 +139,7 @@ fn measure(
         let making = making.collect::<Result<Vec<_>, _>>()?;
         devices.iter().zip(making).map(|(device, making)| Ok((device, joined(making)?))).collect()
     })?;
-    let mut split = SplitRenderer::new(renderers);
+    let mut split = SplitRenderer::new(options, renderers)?;
     let outputs = FrameOutputs { picture: vec![Form::Integers(Integers::Rgb8)], ..FrameOutputs::default() };
     let mut draw = |view: &Camera| -> Result<Measured> {
         let frame = split.render(view, Background::BLACK, &outputs)?;

@@ -6,94 +6,95 @@ use crate::render::band::Band;
 /// equal frames differ by less, so that borders of a view at rest do not move.
 const GAIN: f64 = 0.03;
 
+/// The least time of a row of cells, in parts of the mean, so that later frames can raise it.
+const LEAST: f64 = 0.01;
+
 /// Divides the rows of pictures among devices, in their order.
 ///
-/// The time of a row is taken as constant within the last band of a device. Borders are moved to where all devices
-/// would then take equally long, if that is better by [`GAIN`]. A slow device gets fewer rows likewise.
+/// It keeps a time for each row of cells: those of the last band of a device are scaled so that their sum is its
+/// measured time. Borders are moved to where all devices would then take equally long, if that is better by [`GAIN`]. A
+/// slow device gets fewer rows likewise. Times of a view at rest soon agree with every band that was measured, so that
+/// borders come to rest, too.
 #[derive(Clone, Debug)]
 pub struct Balance {
     devices: usize,
-    /// The time of each row, as bands with equal times of all rows: end in parts of the height, time in parts of the
-    /// whole time. The last one ends at 1.
-    costs: Vec<[f64; 2]>,
     last: Option<Last>,
 }
 
-/// The borders of the last frame, and the size for which they hold.
+/// The borders of the last frame, and the picture for which they hold.
 #[derive(Clone, Debug)]
 struct Last {
     height: u32,
     unit: u32,
-    borders: Vec<u32>,
+    /// In units.
+    borders: Vec<usize>,
+    /// The times of units, in the unit of the last measurement.
+    costs: Vec<f64>,
 }
 
 impl Balance {
     pub fn new(devices: usize) -> Self {
-        Self { devices, costs: vec![[1.0, 1.0]], last: None }
+        Self { devices, last: None }
     }
 
     /// The bands of a picture of `height` rows, whose borders are multiples of `unit` rows. There are fewer bands than
     /// devices if there are fewer units.
     pub fn bands(&mut self, height: u32, unit: u32) -> Vec<Band> {
-        let last = self.last.as_ref().filter(|last| last.height == height && last.unit == unit);
-        let borders = last.map_or_else(|| self.borders(height, unit), |last| last.borders.clone());
-        self.last = Some(Last { height, unit, borders: borders.clone() });
-        Band::between(&borders, height)
+        let is_same = self.last.as_ref().is_some_and(|last| (last.height, last.unit) == (height, unit));
+        if !is_same {
+            let costs = vec![1.0; height.div_ceil(unit) as usize];
+            let borders = borders(&costs, self.devices);
+            self.last = Some(Last { height, unit, borders, costs });
+        }
+        let borders = self.last.iter().flat_map(|last| last.borders.iter().map(|border| *border as u32 * unit));
+        Band::between(&Vec::from_iter(borders), height)
     }
 
     /// Takes over the times of the bands of the last frame, in any unit.
     pub fn learn(&mut self, times: &[f64]) {
-        let Some(Last { height, unit, borders }) = self.last.take() else { return };
-        let (whole, slowest) = (times.iter().sum::<f64>(), times.iter().copied().fold(0.0, f64::max));
-        if !whole.is_normal() || times.len() != borders.len() + 1 {
-            self.last = Some(Last { height, unit, borders });
+        let Some(Last { borders: present, costs, .. }) = &mut self.last else { return };
+        let slowest = times.iter().copied().fold(0.0, f64::max);
+        if !slowest.is_normal() || times.len() != present.len() + 1 {
             return;
         }
-        let ends = borders.iter().map(|border| f64::from(*border) / f64::from(height)).chain([1.0]);
-        self.costs = ends.zip(times).map(|(end, time)| [end, time / whole]).collect();
-        let moved = self.borders(height, unit);
-        let expected = Band::between(&moved, height).into_iter().map(|band| self.cost(band, height));
-        let expected = expected.fold(0.0, f64::max) * whole;
-        let borders = if expected < (1.0 - GAIN) * slowest { moved } else { borders };
-        self.last = Some(Last { height, unit, borders });
-    }
-
-    /// The borders at which all devices take equally long, rounded to units. Every band has a unit at least.
-    fn borders(&self, height: u32, unit: u32) -> Vec<u32> {
-        let units = height.div_ceil(unit);
-        let bands = (self.devices as u32).min(units);
-        let mut borders = Vec::new();
-        for band in 1..bands {
-            let place = self.place_of(f64::from(band) / f64::from(bands)) * f64::from(height) / f64::from(unit);
-            let least = borders.last().map_or(1, |border| border / unit + 1);
-            borders.push((place.round() as u32).clamp(least, units - (bands - band)) * unit);
+        let ends = present.iter().copied().chain([costs.len()]);
+        let mut begin = 0;
+        for (end, time) in ends.zip(times) {
+            let band = &mut costs[begin..end];
+            let factor = time / band.iter().sum::<f64>();
+            band.iter_mut().for_each(|cost| *cost *= factor);
+            begin = end;
         }
-        borders
-    }
-
-    /// Where the rows above have this part of the whole time, in parts of the height.
-    fn place_of(&self, part: f64) -> f64 {
-        let (mut begin, mut before) = (0.0, 0.0);
-        for [end, time] in &self.costs {
-            if before + time >= part {
-                return begin + (end - begin) * (part - before) / time.max(f64::MIN_POSITIVE);
-            }
-            (begin, before) = (*end, before + time);
+        let least = LEAST * costs.iter().sum::<f64>() / costs.len() as f64;
+        costs.iter_mut().for_each(|cost| *cost = cost.max(least));
+        let moved = borders(costs, self.devices);
+        let ends = moved.iter().copied().chain([costs.len()]);
+        let begins = std::iter::once(0).chain(moved.iter().copied());
+        let expected = begins.zip(ends).map(|(begin, end)| costs[begin..end].iter().sum::<f64>()).fold(0.0, f64::max);
+        if expected < (1.0 - GAIN) * slowest {
+            *present = moved;
         }
-        1.0
     }
+}
 
-    /// The part of the whole time that a band takes.
-    fn cost(&self, band: Band, height: u32) -> f64 {
-        let [top, end] = [band.top, band.top + band.rows].map(|row| f64::from(row) / f64::from(height));
-        let mut begin = 0.0;
-        let mut sum = 0.0;
-        for [next, time] in &self.costs {
-            sum += time * (end.min(*next) - top.max(begin)).max(0.0) / (next - begin);
-            begin = *next;
+/// The units at which the bands of all devices but the first begin, if these shall take equally long. Every band has a
+/// unit at least.
+fn borders(costs: &[f64], devices: usize) -> Vec<usize> {
+    let bands = devices.min(costs.len());
+    let whole: f64 = costs.iter().sum();
+    let mut borders = Vec::new();
+    let (mut unit, mut before) = (0, 0.0);
+    for band in 1..bands {
+        let wanted = whole * band as f64 / bands as f64;
+        // A unit is above the border if more than half of it is.
+        while unit < costs.len() && before + 0.5 * costs[unit] < wanted {
+            before += costs[unit];
+            unit += 1;
         }
-        sum
+        let least = borders.last().map_or(1, |border| border + 1);
+        borders.push(unit.clamp(least, costs.len() - (bands - band)));
     }
+    borders
 }
 
 #[cfg(test)]

@@ -1,25 +1,40 @@
 //! Draws the bands of a frame on several devices at the same time.
 
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow, ensure};
+use crossbeam_channel::{Receiver, Sender, bounded};
 
 use super::balance::Balance;
 use crate::camera::Camera;
 use crate::gpu::{Device, DeviceLost};
+use crate::options::Options;
 use crate::render::band::Band;
 use crate::render::frame_queue::{Finished, FrameOutputs, FrameQueue, HostFrame};
 use crate::render::recorded::Frame;
 use crate::render::renderer::Renderer;
 use crate::rules::Background;
-use crate::threads::{self, joined};
+use crate::threads;
 
 /// Draws pictures of one scene on several devices, a band on each.
 pub struct SplitRenderer {
-    parts: Vec<Part>,
+    workers: Vec<Worker>,
+    options: Options,
     balance: Balance,
     /// Devices that were lost since the last call of [`SplitRenderer::take_lost`], with the reasons.
     lost: Vec<(String, anyhow::Error)>,
+}
+
+/// A device and its thread, which waits for bands to draw. A new thread for each frame would take a tenth of a
+/// millisecond.
+struct Worker {
+    device: String,
+    part: Arc<Mutex<Part>>,
+    orders: Option<Sender<Order>>,
+    drawn: Receiver<Result<DrawnBand>>,
+    thread: Option<JoinHandle<()>>,
 }
 
 /// A device, and the memory for its bands.
@@ -29,6 +44,17 @@ struct Part {
     host: HostFrame,
     /// It is lost in the next frame, for tests.
     is_to_be_lost: bool,
+}
+
+/// A band that a device draws.
+#[derive(Clone)]
+struct Order {
+    camera: Camera,
+    /// None for the whole picture.
+    band: Option<Band>,
+    background: Background,
+    outputs: FrameOutputs,
+    started: Instant,
 }
 
 /// A picture in bands.
@@ -59,60 +85,70 @@ impl DrawnBand {
 }
 
 impl SplitRenderer {
-    /// A renderer of each device, all of the same scene and options.
-    pub fn new(renderers: Vec<(&Device, Renderer)>) -> Self {
-        let part = |(device, renderer): (&Device, Renderer)| Part {
-            device: device.capabilities().name.clone(),
-            queue: FrameQueue::new(device, renderer),
-            host: HostFrame::default(),
-            is_to_be_lost: false,
-        };
-        let parts: Vec<_> = renderers.into_iter().map(part).collect();
-        Self { balance: Balance::new(parts.len()), parts, lost: Vec::new() }
+    /// A renderer of each device, all of the same scene and of these options.
+    ///
+    /// # Errors
+    /// If the system refuses a thread.
+    pub fn new(options: &Options, renderers: Vec<(&Device, Renderer)>) -> Result<Self> {
+        let workers: Vec<_> = renderers.into_iter().map(Worker::new).collect::<Result<_>>()?;
+        Ok(Self { options: *options, balance: Balance::new(workers.len()), workers, lost: Vec::new() })
     }
 
-    /// The reason why the first device draws pictures of a camera as a whole; `None` if all devices draw bands.
-    pub fn undividable(&mut self, camera: &Camera) -> Option<&'static str> {
-        self.parts.first_mut().and_then(|part| part.queue.renderer().undividable(camera))
-    }
-
-    /// Draws a picture. Its pixels go to host memory in the forms of `outputs`. If a device is lost, the others draw
-    /// the picture again.
+    /// Draws a picture. Its pixels go to host memory in the forms of `outputs`. The first device draws pictures that
+    /// have no bands ([`Renderer::whole_because`]). If a device is lost, the others draw the picture again.
     ///
     /// # Errors
     /// If memory runs out, or no device is left.
     pub fn render(&mut self, camera: &Camera, background: Background, outputs: &FrameOutputs) -> Result<SplitFrame> {
         let started = Instant::now();
+        let (camera, outputs) = (camera.clone(), outputs.clone());
+        let order = Order { camera, band: None, background, outputs, started };
         loop {
-            ensure!(!self.parts.is_empty(), "a picture in bands needs a device");
-            let unit = self.parts.iter_mut().map(|part| part.queue.renderer().band_rows(camera)).max().unwrap_or(1);
-            let bands = match self.undividable(camera) {
-                None => self.balance.bands(camera.size_px[1], unit),
-                Some(_) => vec![Band::whole(camera.size_px)],
-            };
-            let mut drawn = draw(&mut self.parts, &bands, |part, band| {
-                let whole = (bands.len() > 1).then_some(band);
-                part.draw((camera, whole), background, outputs, started)
-            })?;
+            ensure!(!self.workers.is_empty(), "no device is left to draw");
+            let bands = self.bands(&order.camera);
+            let mut drawn = self.draw(&order, &bands);
             let Some(lost) = drawn.iter().position(Result::is_err) else {
                 let bands = Vec::from_iter(drawn.into_iter().map_while(Result::ok));
                 self.balance.learn(&Vec::from_iter(bands.iter().map(DrawnBand::cost_ms)));
                 return Ok(SplitFrame { bands, latency: started.elapsed() });
             };
-            // The error is given out if it is another one, or no other device is left.
             let Err(error) = drawn.swap_remove(lost) else { unreachable!("the place of an error") };
-            if !error.is::<DeviceLost>() || self.parts.len() == 1 {
+            // Any other error would come again, and is given out; so is the loss of the last device.
+            if !error.is::<DeviceLost>() || self.workers.len() == 1 {
                 return Err(error);
             }
-            self.lost.push((self.parts.remove(lost).device, error));
-            self.balance = Balance::new(self.parts.len());
+            self.lost.push((self.workers.remove(lost).device.clone(), error));
+            self.balance = Balance::new(self.workers.len());
         }
+    }
+
+    fn bands(&mut self, camera: &Camera) -> Vec<Band> {
+        if Renderer::whole_because(&self.options, camera).is_some() {
+            return vec![Band::whole(camera.size_px)];
+        }
+        let units = self.workers.iter().map(|worker| worker.part().queue.renderer().band_rows(camera));
+        self.balance.bands(camera.size_px[1], units.max().unwrap_or(1))
+    }
+
+    /// Draws all bands at the same time: the first on this thread.
+    fn draw(&self, order: &Order, bands: &[Band]) -> Vec<Result<DrawnBand>> {
+        let order = |band| Order { band: (bands.len() > 1).then_some(band), ..order.clone() };
+        let at_work = Vec::from_iter(self.workers.iter().zip(bands));
+        for (worker, band) in &at_work[1..] {
+            worker.orders.as_ref().map(|orders| orders.send(order(**band)));
+        }
+        let first = at_work[0].0.part().draw(&order(bands[0]));
+        let others = at_work[1..].iter().map(|(worker, _)| match worker.drawn.recv() {
+            Ok(drawn) => drawn,
+            Err(_) => Err(anyhow!("the thread of {} has ended", worker.device)),
+        });
+        std::iter::once(first).chain(others).collect()
     }
 
     /// Gives back the host memory of a frame for the next one.
     pub fn recycle(&mut self, frame: SplitFrame) {
-        for (part, band) in self.parts.iter_mut().zip(frame.bands) {
-            part.host = band.host;
+        for (worker, band) in self.workers.iter().zip(frame.bands) {
+            worker.part().host = band.host;
         }
     }
 
@@ -123,26 +159,60 @@ impl SplitRenderer {
 
     /// The number of devices that draw.
     pub fn devices(&self) -> usize {
-        self.parts.len()
+        self.workers.len()
     }
 
     /// Loses a device in the next frame, for tests.
     #[doc(hidden)]
     pub fn lose(&mut self, device: usize) {
-        self.parts[device].is_to_be_lost = true;
+        self.workers[device].part().is_to_be_lost = true;
     }
 }
 
+impl Worker {
+    fn new((device, renderer): (&Device, Renderer)) -> Result<Self> {
+        let device_name = device.capabilities().name.clone();
+        let part = Part {
+            device: device_name.clone(),
+            queue: FrameQueue::new(device, renderer),
+            host: HostFrame::default(),
+            is_to_be_lost: false,
+        };
+        let part = Arc::new(Mutex::new(part));
+        let (orders, to_draw) = bounded::<Order>(1);
+        let (done, drawn) = bounded(1);
+        let own = part.clone();
+        let work = move || {
+            for order in to_draw {
+                // Nobody takes the band if the renderer was dropped.
+                _ = done.send(locked(&own).draw(&order));
+            }
+        };
+        let thread = Some(threads::spawn(work)?);
+        Ok(Self { device: device_name, part, orders: Some(orders), drawn, thread })
+    }
+
+    fn part(&self) -> MutexGuard<'_, Part> {
+        locked(&self.part)
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        // The thread ends without orders. Its device must not be in use when that is dropped.
+        self.orders = None;
+        _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+fn locked(part: &Mutex<Part>) -> MutexGuard<'_, Part> {
+    part.lock().expect("no thread that draws a band panics")
+}
+
 impl Part {
-    fn draw(
-        &mut self,
-        (camera, band): (&Camera, Option<Band>),
-        background: Background,
-        outputs: &FrameOutputs,
-        started: Instant,
-    ) -> Result<DrawnBand> {
+    fn draw(&mut self, Order { camera, band, background, outputs, started }: &Order) -> Result<DrawnBand> {
         let host = std::mem::take(&mut self.host);
-        let queued = self.queue.start_band((camera, band), background, outputs, host)?;
+        let queued = self.queue.start_band((camera, *band), *background, outputs, host)?;
         if self.is_to_be_lost {
             return Err(DeviceLost("the GPU was lost: a test simulates it".to_owned()).into());
         }
@@ -152,21 +222,4 @@ impl Part {
         let (device, latency) = (self.device.clone(), started.elapsed());
         Ok(DrawnBand { device, band, frame: frames.swap_remove(0), latency, host })
     }
-}
-
-/// Draws all bands at the same time: the first on this thread.
-fn draw(
-    parts: &mut [Part],
-    bands: &[Band],
-    draw: impl Fn(&mut Part, Band) -> Result<DrawnBand> + Sync,
-) -> Result<Vec<Result<DrawnBand>>> {
-    let draw = &draw;
-    let mut pairs = parts.iter_mut().zip(bands);
-    let Some((first, band)) = pairs.next() else { return Ok(Vec::new()) };
-    threads::scope(|threads| {
-        let others: Vec<_> =
-            pairs.map(|(part, band)| threads.spawn(move || draw(part, *band))).collect::<Result<_, _>>()?;
-        let first = draw(first, *band);
-        Ok(std::iter::once(first).chain(others.into_iter().map(joined)).collect())
-    })
 }
