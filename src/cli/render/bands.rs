@@ -64,7 +64,10 @@ pub(super) struct Parts {
 
 /// The bands of pictures that are not complete.
 #[derive(Default)]
-pub(super) struct Bands(Mutex<HashMap<usize, Vec<(Band, Vec<Frame>, Parts)>>>);
+pub(super) struct Bands(Mutex<HashMap<usize, Vec<DrawnBand>>>);
+
+/// A band of a picture: its frames, as far as they were drawn, and its pixels.
+type DrawnBand = (Band, Vec<Frame>, Parts);
 
 impl Bands {
     /// Takes over a band of a view. Returns the frames and the pixels of the view if that was its last band.

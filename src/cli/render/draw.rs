@@ -179,9 +179,8 @@ fn draw<'p>(
                 let _guard = run.queue.stopped_by_panics();
                 for job in to_encode {
                     // Without the other end the run has failed.
-                    match job.run(run.args, &run.bands, is_recorded).transpose() {
-                        Some(outcome) => _ = written.send(outcome),
-                        None => {}
+                    if let Some(outcome) = job.run(run.args, &run.bands, is_recorded).transpose() {
+                        _ = written.send(outcome);
                     }
                 }
             };

@@ -51,8 +51,8 @@ impl Renderer {
             let position = (f64::from(pixel[i]) + 0.5) / f64::from(size[i]) * f64::from(drawn[i]);
             (position as u32).min(drawn[i] - 1)
         });
-        let camera = &camera.sampled(drawn);
-        let shot = Shot::new(&self.scene, camera);
+        let sampled = camera.sampled(drawn);
+        let shot = Shot::new(&self.scene, &sampled);
         let (pipeline, listed) = self.choice.listed(shot);
         let explained = picker.explain(&self.device, pipeline, listed, pixel)?;
         if !has_tile_lists {

@@ -135,7 +135,10 @@ impl SplitRenderer {
         let order = |band| Order { band: (bands.len() > 1).then_some(band), ..order.clone() };
         let at_work = Vec::from_iter(self.workers.iter().zip(bands));
         for (worker, band) in &at_work[1..] {
-            worker.orders.as_ref().map(|orders| orders.send(order(**band)));
+            if let Some(orders) = &worker.orders {
+                // A thread that has ended is noticed below.
+                _ = orders.send(order(**band));
+            }
         }
         let first = at_work[0].0.part().draw(&order(bands[0]));
         let others = at_work[1..].iter().map(|(worker, _)| match worker.drawn.recv() {
