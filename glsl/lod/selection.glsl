@@ -59,7 +59,8 @@ struct PageInView {
 const uint WEIGHT_SHIFT = 25, PAGE_BITS = 31;
 
 uvec4 packed(PageInView page) {
-    return uvec4(page.page | uint(page.is_drawn) << PAGE_BITS, page.view | page.weight << WEIGHT_SHIFT, floatBitsToUint(page.widths));
+    uint page_and_flag = page.page | uint(page.is_drawn) << PAGE_BITS;
+    return uvec4(page_and_flag, page.view | page.weight << WEIGHT_SHIFT, floatBitsToUint(page.widths));
 }
 
 PageInView page_in_view_of(uvec4 element) {

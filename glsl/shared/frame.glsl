@@ -14,14 +14,14 @@ struct View {
     vec2 focal_px;
     vec2 centre_px;
     uvec2 size_px;
-    uint band;  // the rows of the picture that are drawn: the first, and in the upper half their number
+    uint band;  // the rows of the picture that are drawn: the first, and in the upper half their number less 1
     float near;
 };
 
 // The first row of pixels that is drawn, and one past the last.
 uvec2 drawn_rows(View view) {
     uint top = view.band & 0xffff;
-    return uvec2(top, top + (view.band >> 16));
+    return uvec2(top, top + (view.band >> 16) + 1);
 }
 
 // The counts of a frame. A cell is what splats are listed in: a tile of the portable path, a bin of the fast path.

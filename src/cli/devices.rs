@@ -45,8 +45,8 @@ pub(super) struct DevicesArgs {
     /// Number in the list of `smalto doctor`, or part of a name; 0,1 or all
     ///
     /// Several devices are separated by commas. all: every GPU, or every software device where there is no GPU. By
-    /// default, one of the fastest kind. `render` shares the pictures among them; `bench` measures the first, then the
-    /// speed of all together.
+    /// default, one of the fastest kind. `render` shares the pictures among them, or with --share frame each
+    /// picture; `bench` measures the first, then all together.
     #[arg(long, value_name = "DEVICES", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
     #[command(flatten)]

@@ -12,7 +12,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use rayon::prelude::*;
 
-use super::write::Compression;
+use super::compression::Compression;
 
 /// Pictures with at least this many bytes are written in strips.
 const STRIPS_FROM: usize = 16 << 20;
@@ -72,6 +72,8 @@ fn write_strips(
         for (place, (strip, mut stream)) in group.iter().zip(streams).enumerate() {
             let number = number * STRIPS_AT_ONCE + place;
             let own = stream.split_off(stream.len() - 4);
+            let is_one_block = stream[ZLIB_HEADER] & 1 == 1 && stream.last().is_some_and(|last| *last != 0);
+            ensure!(is_one_block, "fdeflate made another stream than the one block that strips are joined from");
             let own = Adler32::of(own.try_into().expect("a zlib stream ends with four bytes of checksum"));
             checksum = checksum.followed_by(own, strip.len() * (form.row_bytes + 1));
             if number + 1 < strips.len() {

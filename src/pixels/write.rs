@@ -12,6 +12,7 @@ use image::ExtendedColorType;
 use npyz::WriterBuilder;
 use serde::Serialize;
 
+use super::compression::Compression;
 use super::{Pixels, Plane, png};
 use crate::files::write_whole;
 
@@ -75,17 +76,6 @@ impl Alpha {
     }
 }
 
-/// How hard files are compressed. The values in them are the same.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Compression {
-    /// As fast as it goes: PNG by fdeflate, EXR not at all.
-    #[default]
-    Fast,
-    /// Some 10 % smaller PNG in 25 times the time, some 25 % smaller EXR (PIZ) in 15 times the time.
-    Small,
-}
-
 impl Compression {
     fn of_exr(self) -> Encoding {
         let compression = match self {
@@ -129,8 +119,8 @@ impl Integers {
         self.bytes(size).div_ceil(4) as usize
     }
 
-    /// Writes a PNG of such pixels, from consecutive parts of whole rows. Integers of 16 bits have the byte order of this
-    /// machine.
+    /// Writes a PNG of such pixels, from consecutive parts of whole rows. Integers of 16 bits have the byte order of
+    /// this machine.
     ///
     /// # Errors
     /// If the file cannot be written.

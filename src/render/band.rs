@@ -1,5 +1,7 @@
 //! Bands: rows of a picture that are drawn by themselves.
 
+use super::shaders::fast::MAX_BINS;
+
 /// Consecutive rows of a picture. Their pixels are those of the whole picture, bit by bit, on a device of the same
 /// kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,8 +33,21 @@ impl Band {
         [size_px[0], self.rows]
     }
 
-    /// The band as shaders read it.
+    /// True if the fast path draws a picture of this size only in bands: it has too many bins.
+    pub fn is_needed(size_px: [u32; 2]) -> bool {
+        // Bins of large pictures are as wide as they are high.
+        size_px.iter().map(|side| side.div_ceil(BAND_ROWS)).product::<u32>() > MAX_BINS
+    }
+
+    /// True if a picture of this size has these rows, and bands may begin at multiples of `unit` rows.
+    pub(super) fn is_of(self, size_px: [u32; 2], unit: u32) -> bool {
+        let end = u64::from(self.top) + u64::from(self.rows);
+        let is_whole = end == u64::from(size_px[1]) || self.rows.is_multiple_of(unit);
+        self.rows > 0 && end <= u64::from(size_px[1]) && self.top.is_multiple_of(unit) && is_whole
+    }
+
+    /// The band as shaders read it: `View.band`.
     pub(super) fn word(self) -> u32 {
-        self.top | self.rows << 16
+        self.top | (self.rows - 1) << 16
     }
 }

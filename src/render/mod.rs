@@ -4,8 +4,8 @@
 //! `RENDER_ROOMS` in `tests/architecture/layers.rs` is the whole table.
 //!
 //! **Ground.** `shaders` are the typed interfaces of `glsl/`, written by `build.rs`. `capacity` counts the elements of
-//! buffers, and their growth. `band` is the part of a picture that a frame draws. `path` is the path and the limits of a frame. `readback`, `pack` and `upscale` handle
-//! images. -> `gpu`
+//! buffers, and their growth. `band` is the part of a picture that a frame draws, `path` the path and the limits of a
+//! frame. `readback`, `pack` and `upscale` handle images. -> `gpu`
 //!
 //! **`scene`.** A scene before and in device memory, whole or as a cache of pages; `frame` has the view, the target and
 //! the depth keys of a frame, and `constants` maps options to specialization constants, with a code of `frame`.

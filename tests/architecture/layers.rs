@@ -44,7 +44,7 @@ const EDGES: [(&str, &str); 23] = [
 const RENDER_ROOMS: [(&str, &str); 28] = [
     ("shaders", ""),
     ("readback", ""),
-    ("band", ""),
+    ("band", "shaders"),
     ("pack", "shaders"),
     ("upscale", "shaders"),
     ("capacity", "shaders"),
@@ -62,7 +62,7 @@ const RENDER_ROOMS: [(&str, &str); 28] = [
     ("prune", "shaders readback capacity scene frame constants portable"),
     ("pages", "shaders scene frame fast inspect"),
     ("lod", "shaders scene frame constants fast inspect pages"),
-    ("streaming", "shaders scene lod"),
+    ("streaming", "shaders scene frame lod"),
     ("slabs", "shaders capacity scene frame portable fast inspect pages lod"),
     ("recorded", "shaders path lod streaming slabs"),
     (

@@ -120,8 +120,8 @@ pub(super) struct Args {
     /// What several devices share in the last measurement: views or frame
     ///
     /// views: each draws whole pictures, and the speed of all together is measured. frame: all draw bands of each
-    /// picture, and the time until its last pixel is in host memory is measured, with the band, the stages, the wait and
-    /// the transfer of each device.
+    /// picture, and the time until its last pixel is in host memory is measured, with the band, the stages, the wait
+    /// and the transfer of each device.
     #[arg(long, help_heading = DEVICE, value_name = "HOW", default_value = "views", hide_possible_values = true)]
     #[arg(value_parser = one_of(SHARES))]
     share: Share,
@@ -224,7 +224,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 let bring = |device: &Device| {
                     scene.drawable.source.upload_with(device, &options, Upload::reserving(reserve(size)))
                 };
-                let whole = Renderer::whole_because(&options, &views[0]);
+                let whole = views.iter().find_map(|view| Renderer::whole_because(&options, view));
                 if let Some(why) = whole.filter(|_| args.share == Share::Frame) {
                     remark(&format!("note: --share frame: {why}; each device draws its own"));
                 }

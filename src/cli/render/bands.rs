@@ -1,9 +1,8 @@
 //! Pictures in bands: which views devices draw band by band, and how their bands become one picture.
 
 use std::collections::HashMap;
-use std::sync::Mutex;
+use std::sync::{Condvar, Mutex, MutexGuard};
 
-use super::encode::Task;
 use crate::cli::one_of;
 use crate::gpu::Timing;
 use crate::pixels::{Integers, Pixels};
@@ -22,7 +21,7 @@ pub(crate) enum Share {
 }
 
 const SHARES: [(&str, &str, Share); 3] = [
-    ("auto", "Whole views; bands if there are fewer views than devices and the scene is drawn from pages", Share::Auto),
+    ("auto", "Whole views; bands of a page file of 50 million Gaussians if views are fewer than devices", Share::Auto),
     ("frame", "Bands of every picture", Share::Frame),
     ("views", "Whole views", Share::Views),
 ];
@@ -32,9 +31,6 @@ pub(crate) fn parse_share() -> impl clap::builder::TypedValueParser<Value = Shar
     one_of(SHARES)
 }
 
-/// More pixels than the fast path draws at once with its highest bins: 7,200 bins of 64x64 pixels.
-const LARGE_PIXELS: u64 = 7200 * 64 * 64;
-
 /// Pixels of a band of a large picture. Bands are copied and compressed while others are drawn.
 const BAND_PIXELS: u64 = 4_000_000;
 
@@ -43,10 +39,10 @@ const BANDS_EACH: u64 = 4;
 
 /// The bands of a view that this number of devices draw; empty if one draws it as a whole.
 pub(super) fn bands_of(size: [u32; 2], devices: usize) -> Vec<Band> {
-    let pixels = size.iter().map(|side| u64::from(*side)).product::<u64>();
-    if devices == 1 && pixels <= LARGE_PIXELS {
+    if devices == 1 && !Band::is_needed(size) {
         return Vec::new();
     }
+    let pixels = size.iter().map(|side| u64::from(*side)).product::<u64>();
     let for_devices = if devices > 1 { BANDS_EACH * devices as u64 } else { 1 };
     let bands = pixels.div_ceil(BAND_PIXELS).max(for_devices);
     let rows = u64::from(size[1]).div_ceil(bands).next_multiple_of(BAND_ROWS.into()) as u32;
@@ -62,44 +58,83 @@ pub(super) struct Parts {
     depths: Vec<[f32; 4]>,
 }
 
-/// The bands of pictures that are not complete.
-#[derive(Default)]
-pub(super) struct Bands(Mutex<HashMap<usize, Vec<DrawnBand>>>);
+/// The bands of pictures that are not written.
+pub(super) struct Bands {
+    incomplete: Mutex<HashMap<usize, Vec<DrawnBand>>>,
+    /// The number of complete pictures that are not written, and the most of them before devices wait.
+    complete: Mutex<usize>,
+    most: usize,
+    written: Condvar,
+}
 
 /// A band of a picture: its frames, as far as they were drawn, and its pixels.
 type DrawnBand = (Band, Vec<Frame>, Parts);
 
+/// A complete picture. When it is dropped, there is room for another.
+pub(super) struct Complete<'b> {
+    pub frames: Vec<Frame>,
+    pub parts: Parts,
+    bands: &'b Bands,
+}
+
+impl Drop for Complete<'_> {
+    fn drop(&mut self) {
+        *self.bands.complete() -= 1;
+        self.bands.written.notify_all();
+    }
+}
+
 impl Bands {
-    /// Takes over a band of a view. Returns the frames and the pixels of the view if that was its last band.
-    ///
-    /// # Panics
-    /// If another thread has panicked.
+    /// `most` is the number of complete pictures in host memory.
+    pub fn new(most: usize) -> Self {
+        Self { incomplete: Mutex::default(), complete: Mutex::new(0), most, written: Condvar::new() }
+    }
+
+    /// True if devices may draw more bands. If a device `waits`, it waits for that.
+    pub fn have_room(&self, waits: bool) -> bool {
+        let is_full = |complete: &mut usize| *complete >= self.most;
+        if waits {
+            drop(self.written.wait_while(self.complete(), is_full).expect(PANICKED));
+            return true;
+        }
+        !is_full(&mut self.complete())
+    }
+
+    /// Takes over a band of the view `number`, whose picture has so many rows. Returns the picture if that was its last
+    /// band.
     pub fn add(
         &self,
-        task: &Task,
+        (number, height): (usize, u32),
         band: Band,
         frames: Vec<Frame>,
         host: &mut HostFrame,
-    ) -> Option<(Vec<Frame>, Parts)> {
+    ) -> Option<Complete<'_>> {
         let part = Parts::of(host);
-        let mut pictures = self.0.lock().expect("no holder of the bands panics");
-        let drawn = pictures.entry(task.number).or_default();
+        let mut pictures = self.incomplete.lock().expect(PANICKED);
+        let drawn = pictures.entry(number).or_default();
         drawn.push((band, frames, part));
         let rows: u32 = drawn.iter().map(|(band, ..)| band.rows).sum();
-        if rows < task.shot.camera.size_px[1] {
+        if rows < height {
             return None;
         }
-        let mut drawn = pictures.remove(&task.number)?;
+        let mut drawn = pictures.remove(&number)?;
         drop(pictures);
+        *self.complete() += 1;
         drawn.sort_unstable_by_key(|(band, ..)| band.top);
-        let (mut frames, mut whole) = (Vec::new(), Parts::default());
+        let (mut frames, mut parts) = (Vec::new(), Parts::default());
         for (_, of_band, part) in drawn {
             frames.push(of_band);
-            whole.append(part);
+            parts.append(part);
         }
-        Some((joined(&frames), whole))
+        Some(Complete { frames: joined(&frames), parts, bands: self })
+    }
+
+    fn complete(&self) -> MutexGuard<'_, usize> {
+        self.complete.lock().expect(PANICKED)
     }
 }
+
+const PANICKED: &str = "no holder of the bands panics";
 
 impl Parts {
     fn of(host: &mut HostFrame) -> Self {
@@ -194,6 +229,8 @@ mod tests {
         assert_eq!([1, 2].map(|devices| count([7680, 4320], devices)), [9; 2]);
         assert_eq!([1, 2].map(|devices| count([5120, 4096], devices)), [0, 8]);
         assert_eq!(count([500, 64], 2), 0, "it is one row of bins");
+        let (fits, too_many) = ([90 * 64, 80 * 64], [5430, 5430]);
+        assert_eq!([fits, too_many].map(|size| count(size, 1)), [0, 8], "85 by 85 bins are more than 7200");
         for size in [dome, full_hd, [100, 30_000], [9000, 3333], [64, 65]] {
             for devices in [1, 2, 3, 8] {
                 let bands = bands_of(size, devices);

@@ -63,8 +63,6 @@ struct Worker<'r, 'p> {
     stream: FrameQueue,
     /// Makes the certificates against the response along rays.
     certifier: Option<RayCertifier>,
-    /// The first view, until it is submitted.
-    next: Option<Task<'p>>,
     in_flight: VecDeque<(Task<'p>, QueuedFrame)>,
     host: HostFrames,
     jobs: Sender<Job<'p>>,
@@ -97,6 +95,8 @@ impl<'p> Run<'p> {
         let bytes = tasks.iter().map(|task| task.host_bytes(args, largest)).max().unwrap_or(0);
         let pixels = |task: &Task| task.drawn_size().iter().map(|side| u64::from(*side)).product::<u64>();
         let image_bytes = 16 * tasks.iter().map(pixels).max().unwrap_or(0);
+        let of_picture = |task: &Task| task.wanted(args).bytes(task.shot.camera.size_px);
+        let picture_bytes = tasks.iter().map(of_picture).max().unwrap_or(0);
         let (devices, is_of_video) = (devices.len(), tasks.iter().any(|task| task.is_of_video));
         let fit = (HOST_BYTES / devices as u64 / bytes.max(1)) as usize;
         // The pixels of bands are copied to pictures at once. More memory would take longer to make than it saves.
@@ -109,7 +109,7 @@ impl<'p> Run<'p> {
             args,
             options,
             queue: Queue::new(tasks),
-            bands: Bands::default(),
+            bands: Bands::new((HOST_BYTES / picture_bytes.max(1)).max(2) as usize),
             drawers,
             is_of_video,
             started: OnceLock::new(),
@@ -128,26 +128,14 @@ impl<'p> Run<'p> {
         4 * self.image_bytes + on_their_way
     }
 
-    /// Draws views on device `number` until none is left, `first` first. Without a first one it waits for what a device
-    /// that fails gives back; the scene is not uploaded before. If the device fails, it gives back what it had taken.
-    pub fn draw_on(
-        &self,
-        (number, device): (usize, &Device),
-        first: Option<Task<'p>>,
-        scene: SceneSource,
-        jobs: Sender<Job<'p>>,
-    ) -> Result<()> {
-        let Some(first) = first.or_else(|| self.queue.take_given_back()) else { return Ok(()) };
-        let mut worker = match Worker::new(self, (number, device), scene, jobs) {
-            Ok(worker) => worker,
-            Err(error) => {
-                self.queue.give_back(first);
-                return Err(error);
-            }
-        };
-        worker.next = Some(first);
+    /// Draws views on device `number` until none is left. A device that stands by waits for what one that fails gives
+    /// back, and the scene is not uploaded to it before. If the device fails, it gives back what it had taken.
+    pub fn draw_on(&self, (number, device): (usize, &Device), scene: SceneSource, jobs: Sender<Job<'p>>) -> Result<()> {
+        if number >= self.drawers && !self.queue.waits_for_loss() {
+            return Ok(());
+        }
+        let mut worker = Worker::new(self, (number, device), scene, jobs)?;
         let drawn = worker.draw();
-        worker.next.into_iter().for_each(|task| self.queue.give_back(task));
         while let Some((task, _)) = worker.in_flight.pop_back() {
             self.queue.give_back(task);
         }
@@ -191,7 +179,8 @@ impl Task<'_> {
     /// bytes than `largest`.
     fn is_alone(&self, args: &Args, largest: u64) -> bool {
         let bytes = self.wanted(args).bytes(self.drawn_size());
-        args.certificate.is_some() || args.dump.is_some() || args.measure_levels || bytes > largest
+        let is_large = bytes > largest && self.band.is_none();
+        args.certificate.is_some() || args.dump.is_some() || args.measure_levels || is_large
     }
 
     /// Bytes of its pixels on their way to the files.
@@ -254,17 +243,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         };
         let largest = largest_streamed(device);
         let (stream, in_flight) = (FrameQueue::new(device, renderer), VecDeque::new());
-        Ok(Self {
-            run,
-            stream,
-            certifier,
-            next: None,
-            in_flight,
-            host,
-            jobs,
-            largest,
-            fault: run.fault.filter(|_| number == 0),
-        })
+        Ok(Self { run, stream, certifier, in_flight, host, jobs, largest, fault: run.fault.filter(|_| number == 0) })
     }
 
     fn draw(&mut self) -> Result<()> {
@@ -275,12 +254,11 @@ impl<'r, 'p> Worker<'r, 'p> {
     /// Takes a view and submits it. False if there is no room for another now, or no view is left.
     fn begin(&mut self) -> Result<bool> {
         let (queue, waits) = (&self.run.queue, self.in_flight.is_empty());
-        if self.in_flight.len() == IN_FLIGHT {
+        if self.in_flight.len() == IN_FLIGHT || !self.run.bands.have_room(waits) {
             return Ok(false);
         }
         let Some(host) = self.host.take(waits, queue) else { return Ok(false) };
-        let next = self.next.take().or_else(|| if waits { queue.take() } else { queue.try_take() });
-        let Some(task) = next else {
+        let Some(task) = (if waits { queue.take() } else { queue.try_take() }) else {
             self.host.idle.push(host);
             return Ok(false);
         };
@@ -331,6 +309,7 @@ impl<'r, 'p> Worker<'r, 'p> {
     fn draw_alone(&mut self, task: &Task<'p>, unused: PooledFrame) -> Result<Job<'p>> {
         while self.end()? {}
         let (args, shot, renderer) = (self.run.args, task.shot, self.stream.renderer());
+        renderer.set_band(None);
         let prepare = |cmd: &mut Commands| {
             if args.dump.is_some() {
                 cmd.capture_scopes();

@@ -190,12 +190,9 @@ fn draw<'p>(
         let mut drawers = Vec::new();
         for (number, device) in devices.iter().enumerate() {
             let (scene, jobs) = (scene.clone(), jobs.clone());
-            // Bands of one view are shared only where that pays.
-            let first = if number < run.drawers { run.queue.try_take() } else { None };
             let draw = move || {
                 let _guard = run.queue.stopped_by_panics();
-                run.draw_on((number, device), first, scene, jobs)
-                    .inspect_err(|error| go_on(run, device, devices, error))
+                run.draw_on((number, device), scene, jobs).inspect_err(|error| go_on(run, device, devices, error))
             };
             drawers.push(threads.spawn(draw).inspect_err(stop)?);
         }

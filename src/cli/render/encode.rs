@@ -89,11 +89,13 @@ impl<'p> Job<'p> {
         let rgb8;
         match (source, task.band) {
             (Source::Host(mut frame), Some(band)) => {
-                let complete = bands.add(&task, band, frames, &mut frame.host);
+                let picture = (task.number, task.shot.camera.size_px[1]);
+                let complete = bands.add(picture, band, frames, &mut frame.host);
                 drop(frame);
-                let Some((all, parts)) = complete else { return Ok(None) };
-                (frames, rgb8) = (all, None);
-                task.write_parts(args, parts)?;
+                let Some(mut complete) = complete else { return Ok(None) };
+                rgb8 = None;
+                task.write_parts(args, &mut complete.parts)?;
+                frames = std::mem::take(&mut complete.frames);
             }
             (Source::Host(mut frame), None) => {
                 task.write_host(args, &mut frame.host)?;
@@ -138,7 +140,7 @@ impl Task<'_> {
         self.write_depths(args, host.depths().as_ref())
     }
 
-    fn write_parts(&self, args: &Args, mut parts: Parts) -> Result<()> {
+    fn write_parts(&self, args: &Args, parts: &mut Parts) -> Result<()> {
         let size = self.shot.camera.size_px;
         let floats = parts.picture(size);
         for output in &self.picture {

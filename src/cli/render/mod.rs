@@ -217,8 +217,8 @@ pub(super) struct Args {
     /// What several devices share: auto, frame or views [default: auto]
     ///
     /// views: each device draws whole pictures. frame: each picture is drawn in bands of rows, by all devices. auto:
-    /// whole pictures, but bands if the scene is drawn from pages and there are fewer pictures than devices. The files
-    /// have the same bytes.
+    /// whole pictures, but bands of a page file of 50 million Gaussians or more if there are fewer pictures than
+    /// devices. The files have the same bytes.
     #[arg(long, help_heading = DEVICE, value_name = "HOW", default_value = "auto", hide_default_value = true)]
     #[arg(hide_possible_values = true, value_parser = bands::parse_share())]
     share: Share,

@@ -36,13 +36,14 @@ impl<T> Queue<T> {
         self.changed.wait_while(self.state(), is_open).expect("no holder of the queue panics").take()
     }
 
-    /// The next task after one was given back. `None` if all are finished before, or the queue is stopped.
-    pub fn take_given_back(&self) -> Option<T> {
+    /// Waits until a task is left that was given back: true. False if all are finished before, or the queue is stopped.
+    pub fn waits_for_loss(&self) -> bool {
         let is_left = |state: &mut State<T>| {
             let is_done = state.left.is_empty() && state.taken == 0;
             !state.is_stopped && !is_done && (!state.was_given_back || state.left.is_empty())
         };
-        self.changed.wait_while(self.state(), is_left).expect("no holder of the queue panics").take()
+        let state = self.changed.wait_while(self.state(), is_left).expect("no holder of the queue panics");
+        !state.is_stopped && !state.left.is_empty()
     }
 
     /// A task that was taken is finished.
@@ -143,22 +144,23 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_for_what_is_given_back_takes_nothing_else() {
+    fn who_stands_by_waits_until_a_task_is_given_back() {
         let queue = Queue::new(0..5);
         std::thread::scope(|threads| {
-            let idle = threads.spawn(|| queue.take_given_back());
+            let idle = threads.spawn(|| queue.waits_for_loss());
             for task in 0..5 {
                 assert_eq!(queue.take(), Some(task));
                 queue.finish();
             }
-            assert_eq!(idle.join().unwrap(), None);
+            assert!(!idle.join().unwrap());
         });
         let queue = Queue::new(0..5);
         std::thread::scope(|threads| {
-            let idle = threads.spawn(|| queue.take_given_back());
+            let idle = threads.spawn(|| queue.waits_for_loss());
             assert_eq!([queue.take(), queue.take()], [Some(0), Some(1)]);
             queue.give_back(1);
-            assert_eq!(idle.join().unwrap(), Some(1));
+            assert!(idle.join().unwrap());
+            assert_eq!(queue.take(), Some(1));
         });
     }
 

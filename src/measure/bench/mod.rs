@@ -31,10 +31,10 @@ pub use machine::{Clocks, DeviceReport, VersionReport};
 pub(crate) use measure::notice;
 pub use measure::{Bench, stage_times};
 pub use report::{
-    Allocation, Counts, DetailReport, DeviceSpeed, FrameTimes, Report, Run, SceneReport, StageReport, StageTime,
-    Subject, image_hash, views_hash,
+    Allocation, Counts, DetailReport, DeviceSpeed, FrameTimes, Report, Run, SceneReport, SplitDevice, SplitReport,
+    StageReport, StageTime, Subject, image_hash, views_hash,
 };
-pub use split::{SplitDevice, SplitReport, split};
+pub use split::split;
 pub use statistics::Statistics;
 pub use together::together;
 pub use warm_up::{Protocol, WarmUp, WarmUpLimits};

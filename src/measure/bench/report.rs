@@ -8,7 +8,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::machine::{Clocks, DeviceReport, VersionReport};
-use super::split::SplitReport;
 use super::statistics::Statistics;
 use super::warm_up::WarmUp;
 use crate::camera::Camera;
@@ -76,6 +75,40 @@ pub struct Run {
     /// With several devices and --share frame, frames that all draw in bands; else null.
     #[serde(default)]
     pub split: Option<SplitReport>,
+}
+
+/// Frames in bands, and the same frames on the first device alone. Pixels come to host memory with 8 bits per channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SplitReport {
+    /// Milliseconds from the call to the last pixel in host memory.
+    pub latency_ms: Statistics,
+    /// The same on the first device alone.
+    pub latency_alone_ms: Statistics,
+    /// GPU time of the slowest band in milliseconds.
+    pub slowest_gpu_ms: Statistics,
+    /// GPU time on the first device alone in milliseconds.
+    pub gpu_alone_ms: Statistics,
+    /// The GPU time of the slowest band over the mean of all bands.
+    pub slowest_over_mean: Statistics,
+    pub devices: Vec<SplitDevice>,
+}
+
+/// The part of one device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SplitDevice {
+    pub device: String,
+    /// Rows of its band.
+    pub rows: Statistics,
+    /// GPU time of its band in milliseconds.
+    pub gpu_ms: Statistics,
+    /// Milliseconds from the end of its own band to the end of the slowest.
+    pub wait_ms: Statistics,
+    /// Milliseconds of its band that are not GPU time of stages: the host, rounding to 8 bits, the copy to the host.
+    pub transfer_ms: Statistics,
+    /// Medians of its stages in milliseconds.
+    pub stages: Vec<StageTime>,
 }
 
 /// The time of a stage.

@@ -3,11 +3,9 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::measure::stage_times;
-use super::report::StageTime;
+use super::report::{SplitDevice, SplitReport, StageTime};
 use super::statistics::Statistics;
 use crate::camera::Camera;
 use crate::gpu::Device;
@@ -20,40 +18,6 @@ use crate::threads::{self, joined};
 /// Least duration of the warm-up, which draws all views at least twice, and most of the measurement.
 const WARM_UP: Duration = Duration::from_secs(1);
 const MEASURED: Duration = Duration::from_secs(10);
-
-/// Frames in bands, and the same frames on the first device alone. Pixels come to host memory with 8 bits per channel.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct SplitReport {
-    /// Milliseconds from the call to the last pixel in host memory.
-    pub latency_ms: Statistics,
-    /// The same on the first device alone.
-    pub latency_alone_ms: Statistics,
-    /// GPU time of the slowest band in milliseconds.
-    pub slowest_gpu_ms: Statistics,
-    /// GPU time on the first device alone in milliseconds.
-    pub gpu_alone_ms: Statistics,
-    /// The GPU time of the slowest band over the mean of all bands.
-    pub slowest_over_mean: Statistics,
-    pub devices: Vec<SplitDevice>,
-}
-
-/// The part of one device.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct SplitDevice {
-    pub device: String,
-    /// Rows of its band.
-    pub rows: Statistics,
-    /// GPU time of its band in milliseconds.
-    pub gpu_ms: Statistics,
-    /// Milliseconds from the end of its own band to the end of the slowest.
-    pub wait_ms: Statistics,
-    /// Milliseconds of its band that are not GPU time of stages: the host, rounding to 8 bits, the copy to the host.
-    pub transfer_ms: Statistics,
-    /// Medians of its stages in milliseconds.
-    pub stages: Vec<StageTime>,
-}
 
 /// Measures at most `frames` frames in bands. `load` loads the scene onto a device.
 ///

@@ -206,7 +206,7 @@ impl Renderer {
     /// the size of the band.
     pub fn set_band(&mut self, band: Option<Band>) {
         self.band = band;
-        self.last = None;
+        self.last.iter_mut().for_each(|last| last.has_tile_lists = false);
     }
 
     /// Bands of the pictures of a camera may begin at multiples of this many rows.
@@ -384,6 +384,8 @@ impl Renderer {
         if let Some(why) = self.band.and_then(|_| self.undividable(camera)) {
             bail!("a band of a picture cannot be drawn: {why}");
         }
+        let unit = if self.band.is_some() { self.band_rows(camera) } else { 1 };
+        ensure!(band.is_of(camera.size_px, unit), "a picture of {:?} has no {band:?}", camera.size_px);
         let size = band.size(camera.size_px);
         match self.fit_images(size) {
             Err(error) if error.is::<OutOfMemory>() => {

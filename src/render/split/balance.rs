@@ -12,7 +12,7 @@ const LEAST: f64 = 0.01;
 /// Divides the rows of pictures among devices, in their order.
 ///
 /// It keeps a time for each row of cells: those of the last band of a device are scaled so that their sum is its
-/// measured time. Borders are moved to where all devices would then take equally long, if that is better by [`GAIN`]. A
+/// measured time. Borders are moved to where all devices would then take equally long, if that is clearly better. A
 /// slow device gets fewer rows likewise. Times of a view at rest soon agree with every band that was measured, so that
 /// borders come to rest, too.
 #[derive(Clone, Debug)]
