@@ -135,7 +135,7 @@ fn pictures_of_a_lost_device_are_drawn_by_the_others() {
     }
     // Alone, its loss ends the run, which can be resumed.
     let arguments = [&SCENE[..], &["--size", "64x48", "--resume", "-o", &other]].concat();
-    let output = run(&arguments, |command| _ = command.env("SMALTO_FAULT", "device@2"));
+    let output = run(&arguments, |command| _ = command.env("SMALTO_FAULT", "device@3"));
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(pictures(&other).len(), 3);
     let text = ok(&arguments);
