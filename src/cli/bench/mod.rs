@@ -117,7 +117,7 @@ pub(super) struct Args {
     reading: ReadingArgs,
     #[command(flatten)]
     device: DevicesArgs,
-    /// What several devices share in the last measurement: views or frame
+    /// What several devices share at the end: views or frame
     ///
     /// views: each draws whole pictures, and the speed of all together is measured. frame: all draw bands of each
     /// picture, and the time until its last pixel is in host memory is measured, with the band, the stages, the wait

@@ -17,7 +17,7 @@ use std::time::Duration;
 use anyhow::{Result, anyhow, bail, ensure};
 
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps};
+use crate::gpu::{Access, Commands, Device, Image, Results, Timestamps, TooLarge};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Pixels;
@@ -386,12 +386,11 @@ impl Renderer {
         }
         let unit = if self.band.is_some() { self.band_rows(camera) } else { 1 };
         ensure!(band.is_of(camera.size_px, unit), "a picture of {:?} has no {band:?}", camera.size_px);
-        let size = band.size(camera.size_px);
-        match self.fit_images(size) {
+        match self.fit_images(camera.size_px, band) {
             Err(error) if error.is::<OutOfMemory>() => {
                 // Images precede lists, which slabs can divide.
                 self.choice.release(&self.device)?;
-                self.fit_images(size)?;
+                self.fit_images(camera.size_px, band)?;
             }
             other => other?,
         }
@@ -459,9 +458,15 @@ impl Renderer {
         Some(UndrawableLens { model, why })
     }
 
-    /// Makes the images of a frame of this size.
-    fn fit_images(&mut self, size: [u32; 2]) -> Result<()> {
-        self.image.fit(&self.device, "image", size)?;
+    /// Makes the images of a band of a picture of this size.
+    fn fit_images(&mut self, size_px: [u32; 2], band: Band) -> Result<()> {
+        let size = band.size(size_px);
+        // A user knows of the picture only.
+        let of_picture = |error: anyhow::Error| match error.downcast::<TooLarge>() {
+            Ok(problem) => TooLarge { size: size_px, ..problem }.into(),
+            Err(other) => other,
+        };
+        self.image.fit(&self.device, "image", size).map_err(of_picture)?;
         let drawn = self.options.drawn_size(size);
         if let Some(certificate) = &mut self.certificate {
             certificate.fit(&self.device, "certificate", drawn)?;
