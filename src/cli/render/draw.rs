@@ -137,8 +137,8 @@ fn divided<'p>(
     let is_asked_for = args.share == Share::Frame && devices > 1;
     // To prepare another device takes longer than to draw a picture of a scene that fits into device memory.
     let is_shared = is_asked_for || args.share == Share::Auto && is_streamed && tasks.len() < devices;
-    let drawers = if is_shared { devices } else { devices.min(tasks.len()) };
-    let devices = if is_shared { devices } else { 1 };
+    let (all, views) = (devices, tasks.len());
+    let devices = if is_shared { all } else { 1 };
     if args.share == Share::Frame && devices == 1 {
         remark("note: --share frame has no effect with one device: --device 0,1 or --device all takes several");
     }
@@ -156,6 +156,7 @@ fn divided<'p>(
     if let Some(why) = why.filter(|_| is_asked_for) {
         remark(&format!("note: --share frame: {why}; one device draws each of them"));
     }
+    let drawers = all.min(if is_shared { divided.len() } else { views });
     (divided, drawers)
 }
 
