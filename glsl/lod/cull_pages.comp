@@ -86,9 +86,9 @@ bool may_be_seen(PageBox box, out bool is_drawn) {
     vec2 extent = push.focal_px / nearest * sqrt(1.0 + steepest * steepest) * box.reach * 1.01 + box.margin_px;
     vec2 from = push.focal_px * least + push.centre_px, to = push.focal_px * most + push.centre_px;
     vec2 more = extent + 1e-5 * (extent + max(abs(from), abs(to)) + push.focal_px) + 1.0;
-    // Also false for NaN: the page then counts as visible.
-    float top = float(push.band & 0xffff), end = top + float(push.band >> 16) + 1.0;
-    is_drawn = !(to.y + more.y < top || from.y - more.y > end);
+    vec2 rows = vec2(rows_of(push.band));
+    // Comparisons are also false for NaN: the page then counts as visible.
+    is_drawn = !(to.y + more.y < rows.x || from.y - more.y > rows.y);
     return !(any(lessThan(to + more, vec2(0.0))) || any(greaterThan(from - more, size)));
 }
 

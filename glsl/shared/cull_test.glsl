@@ -29,7 +29,7 @@ bool may_be_visible(uvec4 bound, out float z) {
     vec2 from = mean_px - extent - slack, to = mean_px + extent + slack;
     // The box meets the drawn rows and holds a pixel centre. Many splats whose opacity is hardly above ALPHA_MIN hold
     // none.
-    vec2 rows = vec2(drawn_rows(VIEW));
+    vec2 rows = vec2(rows_of(VIEW.band));
     return all(greaterThanEqual(to, vec2(0.0, rows.x))) && all(lessThanEqual(from, vec2(size.x, rows.y)))
         && all(lessThanEqual(ceil(from - 0.5), floor(to - 0.5)));
 }

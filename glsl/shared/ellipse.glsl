@@ -83,7 +83,7 @@ uvec2 tile_rows(Ellipse e, View view) {
     bool between_centres = any(greaterThan(ceil(low - 0.5), floor(high - 0.5)));
     if (between_centres && EXTENT != EXTENT_THREE_SIGMA_SQUARES) return uvec2(0);
     if (tiles_between(low.x, high.x, uvec2(0, view.size_px.x), LISTED.x).y == 0) return uvec2(0);
-    return tiles_between(low.y, high.y, drawn_rows(view), LISTED.y);
+    return tiles_between(low.y, high.y, rows_of(view.band), LISTED.y);
 }
 
 // The horizontal chord at y (px, relative to the mean), as (x of its centre, half width).
@@ -113,7 +113,7 @@ uint tile_span(Ellipse e, uint row, uvec2 size_px) {
 
 // The row among those that are drawn of a tile row of the picture.
 uint drawn_row(uint row, View view) {
-    return row - drawn_rows(view).x / LISTED.y;
+    return row - rows_of(view.band).x / LISTED.y;
 }
 
 uint span_length(uint span) {

@@ -18,10 +18,10 @@ struct View {
     float near;
 };
 
-// The first row of pixels that is drawn, and one past the last.
-uvec2 drawn_rows(View view) {
-    uint top = view.band & 0xffff;
-    return uvec2(top, top + (view.band >> 16) + 1);
+// The first row of pixels of a band, and one past the last.
+uvec2 rows_of(uint band) {
+    uint top = band & 0xffff;
+    return uvec2(top, top + (band >> 16) + 1);
 }
 
 // The counts of a frame. A cell is what splats are listed in: a tile of the portable path, a bin of the fast path.

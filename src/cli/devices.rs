@@ -13,6 +13,10 @@ use super::{remark, say, values};
 use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, survey};
 use crate::threads::{self, joined};
 
+/// The note on `--share frame` with one device.
+pub(super) const SHARE_NEEDS_SEVERAL: &str =
+    "note: --share frame has no effect with one device: --device 0,1 or --device all takes several";
+
 /// The choice of a device.
 #[derive(Args)]
 #[command(next_help_heading = DEVICE)]

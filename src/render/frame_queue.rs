@@ -178,7 +178,7 @@ impl FrameQueue {
     /// Submits a band of a view, or with `None` all of it, like [`FrameQueue::start`].
     ///
     /// # Errors
-    /// If memory runs out, the device is lost, or the view has no bands: [`Renderer::undividable`].
+    /// If memory runs out, the device is lost, or the view has no bands: [`Renderer::whole_because`].
     pub fn start_band(
         &mut self,
         (camera, band): (&Camera, Option<Band>),

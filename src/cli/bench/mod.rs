@@ -13,7 +13,7 @@ use anyhow::{Context, Result, ensure};
 
 use crate::camera::Camera;
 use crate::cli::cameras::{EyeArgs, LensArgs, SplitArg};
-use crate::cli::devices::{DevicesArgs, say_memory};
+use crate::cli::devices::{DevicesArgs, SHARE_NEEDS_SEVERAL, say_memory};
 use crate::cli::drawable::{Drawable, read_places};
 use crate::cli::headings::{ACCURACY, CAMERAS, DEVICE, LEVELS, MEASURING, REPORTS};
 use crate::cli::knobs::Knobs;
@@ -165,7 +165,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let devices = args.device.open()?;
     let device = devices[0].clone();
     if args.share == Share::Frame && devices.len() == 1 {
-        remark("note: --share frame has no effect with one device: --device 0,1 or --device all takes several");
+        remark(SHARE_NEEDS_SEVERAL);
     }
     let baseline = args.baseline.as_deref().map(read_baseline).transpose()?;
     let lens = &args.lens;

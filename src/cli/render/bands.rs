@@ -31,7 +31,7 @@ pub(crate) fn parse_share() -> impl clap::builder::TypedValueParser<Value = Shar
     one_of(SHARES)
 }
 
-/// Pixels of a band of a large picture. Bands are copied and compressed while others are drawn.
+/// Pixels of a band of a large picture. Bands are copied while others are drawn.
 const BAND_PIXELS: u64 = 4_000_000;
 
 /// Bands of each device of a picture: more even work than with one, at the cost of more culls of the scene.
@@ -60,7 +60,7 @@ pub(super) struct Parts {
 
 /// The bands of pictures that are not written.
 pub(super) struct Bands {
-    incomplete: Mutex<HashMap<usize, Vec<DrawnBand>>>,
+    incomplete: Mutex<HashMap<usize, Vec<HostBand>>>,
     /// The number of complete pictures that are not written, and the most of them before devices wait.
     complete: Mutex<usize>,
     most: usize,
@@ -68,7 +68,7 @@ pub(super) struct Bands {
 }
 
 /// A band of a picture: its frames, as far as they were drawn, and its pixels.
-type DrawnBand = (Band, Vec<Frame>, Parts);
+type HostBand = (Band, Vec<Frame>, Parts);
 
 /// A complete picture. When it is dropped, there is room for another.
 pub(super) struct Complete<'b> {

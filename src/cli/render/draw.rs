@@ -21,7 +21,11 @@ use super::resume::Record;
 use super::video::Encoder;
 use crate::cli::drawable::Drawable;
 use crate::cli::progress::Bar;
-use crate::cli::{Usage, certified, complain, devices::names_of, remark, say, size_text};
+use crate::cli::{
+    Usage, certified, complain,
+    devices::{SHARE_NEEDS_SEVERAL, names_of},
+    remark, say, size_text,
+};
 use crate::files::text_of;
 use crate::gpu::Device;
 use crate::host_memory::OutOfMemory;
@@ -140,7 +144,7 @@ fn divided<'p>(
     let (all, views) = (devices, tasks.len());
     let devices = if is_shared { all } else { 1 };
     if args.share == Share::Frame && devices == 1 {
-        remark("note: --share frame has no effect with one device: --device 0,1 or --device all takes several");
+        remark(SHARE_NEEDS_SEVERAL);
     }
     let (mut divided, mut why) = (Vec::new(), None);
     for task in tasks {

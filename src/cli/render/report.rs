@@ -71,7 +71,7 @@ pub(super) struct CameraReport {
     centre_px: [f64; 2],
 }
 
-/// The work and the times of a frame on the GPU.
+/// The work and the times of a frame on the GPU. Of a picture in bands, counts and times are sums over its bands.
 #[derive(Serialize, JsonSchema)]
 pub(super) struct GpuReport {
     /// The path that drew the frame.

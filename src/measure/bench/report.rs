@@ -85,7 +85,7 @@ pub struct SplitReport {
     pub latency_ms: Statistics,
     /// The same on the first device alone.
     pub latency_alone_ms: Statistics,
-    /// GPU time of the slowest band in milliseconds.
+    /// GPU time of the slowest band in milliseconds, with the rounding to 8 bits.
     pub slowest_gpu_ms: Statistics,
     /// GPU time on the first device alone in milliseconds.
     pub gpu_alone_ms: Statistics,
@@ -101,11 +101,11 @@ pub struct SplitDevice {
     pub device: String,
     /// Rows of its band.
     pub rows: Statistics,
-    /// GPU time of its band in milliseconds.
+    /// GPU time of its band in milliseconds, with the rounding to 8 bits.
     pub gpu_ms: Statistics,
     /// Milliseconds from the end of its own band to the end of the slowest.
     pub wait_ms: Statistics,
-    /// Milliseconds of its band that are not GPU time of stages: the host, rounding to 8 bits, the copy to the host.
+    /// Milliseconds of its band beside the GPU time: of the host, and of the copy to it.
     pub transfer_ms: Statistics,
     /// Medians of its stages in milliseconds.
     pub stages: Vec<StageTime>,

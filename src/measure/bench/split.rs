@@ -33,9 +33,9 @@ pub fn split(
     let alone = measure(&devices[..1], load, options, views, frames)?;
     let frames = measure(devices, load, options, views, frames)?;
     let latency = |frames: &[Measured]| Statistics::of(frames.iter().map(|frame| frame.latency_ms));
-    let slowest = |frame: &Measured| frame.bands.iter().map(|band| band.gpu_ms).fold(0.0, f64::max);
+    let slowest = |frame: &Measured| frame.bands.iter().map(|band| band.frame.gpu_ms()).fold(0.0, f64::max);
     let over_mean = |frame: &Measured| {
-        let sum: f64 = frame.bands.iter().map(|band| band.gpu_ms).sum();
+        let sum: f64 = frame.bands.iter().map(|band| band.frame.gpu_ms()).sum();
         slowest(frame) * frame.bands.len() as f64 / sum
     };
     let of_device = |number: usize| {
@@ -46,9 +46,9 @@ pub fn split(
         Some(SplitDevice {
             device: first.device.clone(),
             rows: Statistics::of(bands().map(|(_, band)| f64::from(band.rows))),
-            gpu_ms: Statistics::of(bands().map(|(_, band)| band.gpu_ms)),
+            gpu_ms: Statistics::of(bands().map(|(_, band)| band.frame.gpu_ms())),
             wait_ms: Statistics::of(bands().map(|(frame, band)| frame.latency_ms - band.latency_ms)),
-            transfer_ms: Statistics::of(bands().map(|(_, band)| band.latency_ms - band.gpu_ms)),
+            transfer_ms: Statistics::of(bands().map(|(_, band)| band.latency_ms - band.frame.gpu_ms())),
             stages: stages.into_iter().map(stage).collect(),
         })
     };
@@ -71,7 +71,6 @@ struct Measured {
 struct MeasuredBand {
     device: String,
     rows: u32,
-    gpu_ms: f64,
     latency_ms: f64,
     frame: Frame,
 }
@@ -82,7 +81,6 @@ impl Measured {
         let band = |band: &DrawnBand| MeasuredBand {
             device: band.device.clone(),
             rows: band.band.rows,
-            gpu_ms: band.frame.gpu_ms(),
             latency_ms: ms(band.latency),
             frame: band.frame.clone(),
         };

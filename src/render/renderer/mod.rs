@@ -214,11 +214,6 @@ impl Renderer {
         self.choice.band_rows(Shot::new(&self.scene, camera))
     }
 
-    /// The reason why pictures of a camera are not drawn in bands; `None` if they can be.
-    pub fn undividable(&self, camera: &Camera) -> Option<&'static str> {
-        Self::whole_because(&self.options, camera)
-    }
-
     /// The reason why pictures of a camera by these options are not drawn in bands; `None` if they can be.
     pub fn whole_because(options: &Options, camera: &Camera) -> Option<&'static str> {
         if camera.lens.is_some() || options.rules.response == Response::Ray {
@@ -381,7 +376,7 @@ impl Renderer {
             shown.prepare_rays(&self.device, &self.options, self.scene.layout())?;
         }
         let band = self.band.unwrap_or(Band::whole(camera.size_px));
-        if let Some(why) = self.band.and_then(|_| self.undividable(camera)) {
+        if let Some(why) = self.band.and_then(|_| Self::whole_because(&self.options, camera)) {
             bail!("a band of a picture cannot be drawn: {why}");
         }
         let unit = if self.band.is_some() { self.band_rows(camera) } else { 1 };
