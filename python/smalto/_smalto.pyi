@@ -184,7 +184,7 @@ class Picture:
         """GPU times in milliseconds by the name of the stage; "frame" is the whole frame. Empty for a reference."""
     @property
     def visible(self) -> int | None:
-        """The number of Gaussians in view; None for a reference."""
+        """The number of Gaussians in view; None for a reference and for a picture of several bands."""
     @property
     def size(self) -> tuple[int, int]:
         """Width and height in pixels."""
@@ -265,6 +265,45 @@ class Renderer:
     def _channels(self, count: int) -> Channels | None: ...
     def _show(self, channels: Channels) -> None: ...
     def _draw_exported(self, views: list[tuple[Camera, Exported]], has_depth: bool) -> list[dict[str, float]]: ...
+
+class SplitRenderer:
+    """Draws each picture of one scene on several devices: each draws a band of rows, and the borders follow the times.
+
+    Pictures have the bytes of `Renderer` on a device of the same kind. That pays for scenes that take one device
+    several milliseconds; small pictures are drawn faster by one, and sets of pictures by one `Renderer` for each device.
+    `devices` is "all", or a list of numbers and parts of names, like [0, 1]. `memory` is the most memory to
+    take on each device, in bytes. Other arguments are those of `Renderer`. A device that is lost is left out with a
+    warning, and the others draw. Pictures along rays and below the scale 1 are drawn by the first device. Errors:
+    ValueError, DeviceError, MemoryError."""
+    def __init__(
+        self,
+        scene: Scene,
+        devices: str | int | Iterable[str | int] = "all",
+        *,
+        preset: Preset = "balanced",
+        memory: SupportsIndex | None = None,
+        **knobs: Any,
+    ) -> None: ...
+    def render(
+        self,
+        camera: Camera,
+        *,
+        background: ArrayLike | None = (0.0, 0.0, 0.0),
+        layers: Iterable[Layer] | None = None,
+        dtype: Kind = "float32",
+    ) -> Picture:
+        """Draws a picture. Arguments and errors are those of `Renderer.render`. The `timings` of the picture are sums over
+        all bands."""
+    @property
+    def bands(self) -> list[dict[str, Any]]:
+        """What each device did for the last picture, from top to bottom: dictionaries of `device`, `top` (the first row),
+        `rows`, `gpu_ms`, and `ms` until the pixels of the band were in host memory."""
+    @property
+    def devices(self) -> list[str]:
+        """The names of the devices that draw."""
+    @property
+    def validation_messages(self) -> list[str]:
+        """What the validation layer said, if SMALTO_VALIDATION=1 turned it on."""
 
 def compare(
     a: Picture | ArrayLike, b: Picture | ArrayLike, *, camera: Camera | None = None

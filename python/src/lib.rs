@@ -11,6 +11,7 @@ mod process;
 mod reference;
 mod renderer;
 mod scene;
+mod split;
 
 use std::process::ExitCode;
 
@@ -32,6 +33,7 @@ fn _smalto(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_class::<camera::Camera>()?;
     module.add_class::<picture::Picture>()?;
     module.add_class::<renderer::Renderer>()?;
+    module.add_class::<split::SplitRenderer>()?;
     module.add_class::<device_memory::Exported>()?;
     module.add_class::<device_memory::Channels>()?;
     module.add_class::<device_memory::DeviceArrays>()?;

@@ -32,8 +32,15 @@ pub struct Picture {
 
 /// The pixels of a picture.
 pub enum Content {
-    /// Those of the reference, and its depths if it has an order of depth.
+    /// Floats in memory of their own, and the depths if the picture has them: a reference, or a picture of bands.
     Computed(Pixels, Option<Depths>),
+    /// Integers of 8 bits in memory of their own: a picture of bands.
+    Integers {
+        size: [u32; 2],
+        rgb: Vec<u8>,
+        grey: Vec<u8>,
+        depths: Option<Depths>,
+    },
     Drawn(Drawn),
 }
 
@@ -79,6 +86,7 @@ impl Content {
     fn size(&self) -> [u32; 2] {
         match self {
             Self::Computed(pixels, _) => pixels.size,
+            Self::Integers { size, .. } => *size,
             Self::Drawn(drawn) => drawn.with(|host| host.size()),
         }
     }
@@ -87,6 +95,7 @@ impl Content {
     fn floats(&self) -> Option<usize> {
         match self {
             Self::Computed(pixels, _) => Some(pixels.rgba.as_ptr() as usize),
+            Self::Integers { .. } => None,
             Self::Drawn(drawn) => drawn.with(|host| host.floats().map(|floats| floats.as_ptr() as usize)),
         }
     }
@@ -95,6 +104,11 @@ impl Content {
     fn integers(&self, integers: Integers) -> Option<usize> {
         match self {
             Self::Computed(..) => None,
+            Self::Integers { rgb, grey, .. } => match integers {
+                Integers::Rgb8 => Some(rgb.as_ptr() as usize),
+                Integers::Grey8 => Some(grey.as_ptr() as usize),
+                Integers::Rgb16 | Integers::Grey16 => None,
+            },
             Self::Drawn(drawn) => drawn.with(|host| host.integers(integers).map(|bytes| bytes.as_ptr() as usize)),
         }
     }
@@ -103,6 +117,7 @@ impl Content {
     fn bytes(&self) -> Vec<u8> {
         match self {
             Self::Computed(pixels, _) => pixels.to_rgb8(),
+            Self::Integers { rgb, .. } => rgb.clone(),
             Self::Drawn(drawn) => drawn.with(|host| match host.integers(Integers::Rgb8) {
                 Some(bytes) => bytes.to_vec(),
                 None => host.picture().expect("a picture is of floats or integers").to_rgb8(),
@@ -114,17 +129,19 @@ impl Content {
     pub fn pixels(&self) -> Pixels {
         match self {
             Self::Computed(pixels, _) => pixels.clone(),
+            Self::Integers { size, rgb, .. } => opaque(*size, rgb),
             Self::Drawn(drawn) => drawn.with(|host| match host.picture() {
                 Some(pixels) => pixels,
-                None => {
-                    let bytes = host.integers(Integers::Rgb8).expect("a picture is of floats or integers");
-                    let rgba = bytes.chunks_exact(3).map(|p| [p[0], p[1], p[2], 255].map(|v| f32::from(v) / 255.0));
-                    let rgba = rgba.collect();
-                    Pixels { size: host.size(), rgba }
-                }
+                None => opaque(host.size(), host.integers(Integers::Rgb8).expect("a picture is of floats or integers")),
             }),
         }
     }
+}
+
+/// Red, green and blue in 8 bits as floats.
+fn opaque(size: [u32; 2], rgb: &[u8]) -> Pixels {
+    let rgba = rgb.chunks_exact(3).map(|p| [p[0], p[1], p[2], 255].map(|v| f32::from(v) / 255.0)).collect();
+    Pixels { size, rgba }
 }
 
 /// Memory of a picture as NumPy reads it.
@@ -219,7 +236,9 @@ impl Picture {
     #[getter]
     fn depth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let expected = py.detach(|| match &self.content {
-            Content::Computed(_, computed) => computed.as_ref().map(|depths| depths.expected.clone()),
+            Content::Computed(_, depths) | Content::Integers { depths, .. } => {
+                depths.as_ref().map(|depths| depths.expected.clone())
+            }
             Content::Drawn(drawn) => drawn.with(HostFrame::depths).map(|input| depths(&input).expected),
         });
         let expected = expected.ok_or_else(|| {
@@ -242,7 +261,7 @@ impl Picture {
         stage_times(py, &self.timings)
     }
 
-    /// The number of Gaussians in view; None for a reference.
+    /// The number of Gaussians in view; None for a reference and for a picture of several bands.
     #[getter]
     fn visible(&self) -> Option<u32> {
         self.visible

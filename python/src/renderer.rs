@@ -499,7 +499,7 @@ impl Inner {
 }
 
 /// The GPU time of each stage.
-fn timings(frame: &Frame) -> Vec<(&'static str, f64)> {
+pub fn timings(frame: &Frame) -> Vec<(&'static str, f64)> {
     frame.timings.iter().map(|stage| (stage.name, stage.duration_ms)).collect()
 }
 

@@ -70,6 +70,28 @@ def test_a_scene_from_arrays_draws_the_same_bits(scene, renderer):
     assert np.array_equal(smalto.Renderer(again, preset="exact").render(camera).color, expected)
 
 
+def test_several_devices_draw_the_bytes_of_one(scene, renderer):
+    camera = scene.camera(160, 240)
+    split = smalto.SplitRenderer(scene, [renderer.device, renderer.device], preset="exact")
+    assert split.devices == [renderer.device] * 2
+    layers = ("color", "alpha", "depth")
+    expected = renderer.render(camera, layers=layers, background=(0.2, 0.4, 0.6))
+    for _ in range(3):
+        picture = split.render(camera, layers=layers, background=(0.2, 0.4, 0.6))
+        for name in ("color", "alpha", "depth"):
+            assert np.array_equal(getattr(picture, name), getattr(expected, name), equal_nan=True), name
+    top = 0
+    for band in split.bands:
+        assert band["top"] == top and band["gpu_ms"] > 0 and band["ms"] > 0
+        top += band["rows"]
+    assert top == 240 and len(split.bands) == 2
+    assert picture.visible is None and picture.timings["frame"] > 0
+    small = split.render(camera.resized((100, 150)), dtype="uint8")
+    assert np.array_equal(small.color, renderer.render(camera.resized((100, 150)), dtype="uint8").color)
+    assert small.alpha.dtype == np.uint8 and small.alpha.shape == (150, 100)
+    assert split.validation_messages == []
+
+
 def test_written_scenes_are_read_again(scene, tmp_path):
     scene.write(tmp_path / "scene.ply")
     assert len(smalto.Scene.read(tmp_path / "scene.ply")) == len(scene)
@@ -286,6 +308,9 @@ def test_wrong_requests_are_one_clear_exception(scene, renderer, tmp_path):
         (lambda r, c: smalto.Renderer(SMALL, memory=-1), ValueError, "memory: expected a number of bytes"),
         (lambda r, c: smalto.Renderer(SMALL, memory="1G"), TypeError, "memory: expected a number of bytes"),
         (lambda r, c: smalto.Renderer(SMALL, device=1.5), TypeError, "device: expected the number of a device"),
+        (lambda r, c: smalto.SplitRenderer(SMALL, []), ValueError, "devices: the list is empty"),
+        (lambda r, c: smalto.SplitRenderer(SMALL, 1.5), TypeError, "devices: expected numbers of devices"),
+        (lambda r, c: smalto.SplitRenderer(SMALL, preset="best"), ValueError, "preset: expected one of"),
         (lambda r, c: smalto.Renderer(SMALL, preset=3), TypeError, "preset: expected one of"),
         (lambda r, c: smalto.Renderer(c), TypeError, "scene: expected a Scene"),
         (lambda r, c: smalto.Scene.read(3), TypeError, "path: expected a path, found 3"),

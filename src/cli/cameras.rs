@@ -286,6 +286,11 @@ pub(super) struct Fps {
 const MAX_FRAMES: usize = 100_000;
 
 impl FilmArgs {
+    /// True if the views are those of a path or an orbit.
+    pub fn is_given(&self) -> bool {
+        self.path.is_some() || self.orbit.is_some()
+    }
+
     /// Number of pictures around the scene, if given.
     pub fn orbit(&self) -> Option<usize> {
         self.orbit

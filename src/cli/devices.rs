@@ -96,24 +96,32 @@ pub fn open_device(name: Option<String>, memory: Option<u64>) -> Result<Device> 
     DeviceArgs { device: name, memory: MemoryArg { memory } }.open()
 }
 
+/// Opens several devices, each by its number or a part of its name; without names, all that `--device all` takes.
+/// `memory` is the most memory to take on each, in bytes.
+///
+/// # Errors
+/// Those of [`open_device`].
+pub fn open_devices(names: &[String], memory: Option<u64>) -> Result<Vec<Device>> {
+    let choices = if names.is_empty() {
+        all(&survey()?)
+    } else {
+        names.iter().map(|name| DeviceChoice::from(name.as_str())).collect()
+    };
+    open_together(&choices, &Environment::read()?, MemoryArg { memory })
+}
+
 impl DevicesArgs {
-    /// Opens the devices. Says so if they are of different kinds.
-    pub fn open(&self) -> Result<Vec<Device>> {
+    /// Opens the devices, at most the first `most`. Says so if they are of different kinds.
+    pub fn open(&self, most: usize) -> Result<Vec<Device>> {
         let environment = Environment::read()?;
-        let choices = match self.device.as_deref() {
+        let mut choices = match self.device.as_deref() {
             None => vec![environment.device.clone()],
             Some("all") => all(&survey()?),
             Some(named) if named.contains(',') => several(named, &survey()?),
             Some(named) => vec![DeviceChoice::from(named)],
         };
-        // A driver takes a tenth of a second for each.
-        let opened = threads::scope(|threads| {
-            let (environment, memory) = (&environment, self.memory);
-            let opening = choices.iter().map(|choice| threads.spawn(move || open(choice, environment, memory)));
-            let opening: Vec<_> = opening.collect::<Result<_, _>>()?;
-            opening.into_iter().map(joined).collect::<Result<Vec<_>>>()
-        })?;
-        let devices: Vec<Device> = opened.into_iter().map(with_pipeline_cache).collect();
+        choices.truncate(most);
+        let devices = open_together(&choices, &environment, self.memory)?;
         let kinds = names_of(&devices);
         if devices.iter().any(|device| device.capabilities().name != kinds) {
             remark(&format!(
@@ -122,6 +130,16 @@ impl DevicesArgs {
         }
         Ok(devices)
     }
+}
+
+/// Opens devices at the same time: a driver takes a tenth of a second for each.
+fn open_together(choices: &[DeviceChoice], environment: &Environment, memory: MemoryArg) -> Result<Vec<Device>> {
+    let opened = threads::scope(|threads| {
+        let opening = choices.iter().map(|choice| threads.spawn(move || open(choice, environment, memory)));
+        let opening: Vec<_> = opening.collect::<Result<_, _>>()?;
+        opening.into_iter().map(joined).collect::<Result<Vec<_>>>()
+    })?;
+    Ok(opened.into_iter().map(with_pipeline_cache).collect())
 }
 
 fn validation(environment: &Environment) -> Validation {

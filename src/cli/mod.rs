@@ -94,7 +94,7 @@ use crate::render::{NoLevels, Renderer, UndrawableLens};
 use crate::rules::Background;
 use crate::scene::Unreadable;
 use crate::threads;
-pub use devices::open_device;
+pub use devices::{open_device, open_devices};
 use environment::Environment;
 pub use scenes::reading;
 

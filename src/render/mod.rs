@@ -117,5 +117,5 @@ pub use shaders::Splat;
 pub use shaders::Totals;
 pub use slabs::SlabReport;
 #[doc(hidden)]
-pub use split::{Balance, DrawnBand, SplitFrame, SplitRenderer};
+pub use split::{Balance, DrawnBand, LostDevice, SplitFrame, SplitRenderer};
 pub use streaming::Residency;

@@ -162,7 +162,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     // Files that cannot be written are reported before anything is measured.
     [&args.json, &args.csv].into_iter().flatten().try_for_each(Sink::check)?;
     args.plot.as_deref().map_or(Ok(()), check_writable)?;
-    let devices = args.device.open()?;
+    let devices = args.device.open(usize::MAX)?;
     let device = devices[0].clone();
     if args.share == Share::Frame && devices.len() == 1 {
         remark(SHARE_NEEDS_SEVERAL);

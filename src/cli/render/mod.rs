@@ -255,6 +255,14 @@ pub(super) struct Args {
     start: Start,
 }
 
+impl Args {
+    /// True if the options name one view, whatever the scene and the camera file have.
+    fn is_of_one_picture(&self) -> bool {
+        let is_one_camera = self.camera.as_ref().is_none_or(|camera| camera.parse::<i64>().is_ok());
+        is_one_camera && self.video.is_none() && !self.film.is_given()
+    }
+}
+
 const FILE_KINDS: [(&str, &str, FileKind); 4] = [
     ("png", "8 bits per channel", FileKind::Png),
     ("png16", "16 bits per channel", FileKind::Png16),

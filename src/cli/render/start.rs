@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::Args;
+use super::bands::Share;
 use crate::cli::drawable::Drawable;
 use crate::cli::say;
 use crate::gpu::Device;
@@ -86,11 +87,13 @@ impl Start {
 pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> {
     if let Some(scene) = Drawable::in_pages(&args.scene)?.filter(|_| !args.reference) {
         args.start.end("reading");
-        return Ok((open(args)?, scene));
+        return Ok((open(args, usize::MAX)?, scene));
     }
+    // Opening another device takes longer than a picture of a scene in memory.
+    let most = if args.share != Share::Frame && args.is_of_one_picture() { 1 } else { usize::MAX };
     // A scene from a pipe cannot be cancelled. The device may refuse a procedural one.
     if args.reference || args.scene.path().is_none() {
-        let devices = if args.reference { Vec::new() } else { open(args)? };
+        let devices = if args.reference { Vec::new() } else { open(args, most)? };
         let scene = args.scene.read_for(devices.first())?;
         args.start.end("reading");
         return Ok((devices, Drawable::of(&args.scene, scene)));
@@ -102,7 +105,7 @@ pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> 
             args.start.add("reading", Duration::ZERO, args.start.begun.elapsed());
             scene
         })?;
-        let devices = open(args);
+        let devices = open(args, most);
         is_cancelled.store(devices.is_err(), Ordering::Relaxed);
         Ok((devices, joined(reading)))
     })?;
@@ -111,8 +114,8 @@ pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> 
     Ok((devices, Drawable::of(&args.scene, scene)))
 }
 
-fn open(args: &Args) -> Result<Vec<Device>> {
-    let devices = args.device.open()?;
+fn open(args: &Args, most: usize) -> Result<Vec<Device>> {
+    let devices = args.device.open(most)?;
     args.start.add("device", Duration::ZERO, args.start.begun.elapsed());
     Ok(devices)
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 
 use super::measure::stage_times;
 use super::report::{SplitDevice, SplitReport, StageTime};
@@ -108,7 +108,7 @@ fn measure(
         let measured = Measured::of(&frame);
         split.recycle(frame);
         // A measurement of fewer devices would be one of something else.
-        split.take_lost().pop().map_or(Ok(measured), |(device, error)| Err(error.context(anyhow!("{device}"))))
+        split.take_lost().pop().map_or(Ok(measured), |lost| Err(lost.error.context(lost.name)))
     };
     let started = Instant::now();
     for (number, view) in views.iter().cycle().enumerate() {

@@ -7,4 +7,4 @@ mod balance;
 mod renderer;
 
 pub use balance::Balance;
-pub use renderer::{DrawnBand, SplitFrame, SplitRenderer};
+pub use renderer::{DrawnBand, LostDevice, SplitFrame, SplitRenderer};

@@ -23,8 +23,17 @@ pub struct SplitRenderer {
     workers: Vec<Worker>,
     options: Options,
     balance: Balance,
-    /// Devices that were lost since the last call of [`SplitRenderer::take_lost`], with the reasons.
-    lost: Vec<(String, anyhow::Error)>,
+    /// Devices that were lost since the last call of [`SplitRenderer::take_lost`].
+    lost: Vec<LostDevice>,
+}
+
+/// A device that does not draw any more.
+pub struct LostDevice {
+    /// Its place among the devices that drew until then, from 0 on.
+    pub place: usize,
+    pub name: String,
+    /// The reason.
+    pub error: anyhow::Error,
 }
 
 /// A device and its thread, which waits for bands to draw. A new thread for each frame would take a tenth of a
@@ -117,7 +126,8 @@ impl SplitRenderer {
             if !error.is::<DeviceLost>() || self.workers.len() == 1 {
                 return Err(error);
             }
-            self.lost.push((self.workers.remove(lost).device.clone(), error));
+            let name = self.workers.remove(lost).device.clone();
+            self.lost.push(LostDevice { place: lost, name, error });
             self.balance = Balance::new(self.workers.len());
         }
     }
@@ -155,8 +165,8 @@ impl SplitRenderer {
         }
     }
 
-    /// The devices that were lost since the last call, each with the reason.
-    pub fn take_lost(&mut self) -> Vec<(String, anyhow::Error)> {
+    /// The devices that were lost since the last call, in the order of their losses.
+    pub fn take_lost(&mut self) -> Vec<LostDevice> {
         std::mem::take(&mut self.lost)
     }
 
