@@ -1,11 +1,12 @@
-//! Predicted against measured errors of levels of detail: `cargo bench --bench predictions -- FILE VIEWS [OUT]`, where
-//! VIEWS is a camera file, or a path of the town (street, roof, air). It writes the points to OUT.csv and a plot of
-//! them to OUT.svg (`predictions` without OUT).
+//! Predicted against measured errors of levels of detail: `cargo bench --bench predictions -- FILE VIEWS [OUT
+//! [COUNT]]`, where VIEWS is a camera file, or a path of the town (street, roof, air). It writes the points to OUT.csv
+//! and a plot of them to OUT.svg (`predictions` without OUT).
 //!
 //! Groups: a thousand times, a random part of the scene and one of its levels are drawn alone, in a random direction
-//! and in pixels of a random width, and compared with the Gaussians that they stand for. Frames: 50 views with a
-//! twentieth and with a fifth of the Gaussians that are drawn without levels, compared with the picture of all; and the
-//! pixels of these whose error is larger than the one that is predicted for the nodes seen in them.
+//! and in pixels of a random width, and compared with the Gaussians that they stand for. Frames: COUNT views (50) with
+//! a twentieth and with a fifth of the Gaussians that are drawn without levels, compared with the picture of all: the
+//! error that is predicted from the nodes, the one that is estimated from patches, and the pixels whose error is larger
+//! than the one that is predicted for the nodes seen in them.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -19,13 +20,12 @@ use smalto::camera::{self, Camera};
 use smalto::cli::environment::Environment;
 use smalto::gpu::{Device, Validation};
 use smalto::lod::{Node, Nodes, squared_difference, value_of_code};
-use smalto::measure::metrics::psnr;
+use smalto::measure::metrics::{mse, psnr};
 use smalto::measure::plot::{self, Lines};
 use smalto::options::Options;
 use smalto::packing::Shape;
 use smalto::pagefile::write::subtrees;
 use smalto::pagefile::{PADDING, PAGE, PARTS, PageFile};
-use smalto::pixels::Pixels;
 use smalto::procedural::Procedural;
 use smalto::procedural::TownPath;
 use smalto::render::{Attribute, Inspection, Renderer, SceneSource, Upload};
@@ -33,7 +33,8 @@ use smalto::rules::{Background, Rules};
 
 const GROUPS: usize = 1000;
 const FRAMES: usize = 50;
-const SIZE: [u32; 2] = [960, 540];
+const PATCHES: u32 = 64;
+const SIZE: [u32; 2] = [1920, 1080];
 
 /// Random numbers, the same in every run (PCG, O'Neill 2014).
 struct Random(u64);
@@ -69,11 +70,20 @@ fn main() -> Result<()> {
     ensure!(file.levels().is_some(), "{} has no levels of detail", file.path().display());
     let groups = groups(&file)?;
     say("groups: log2 of measured over predicted, root mean square", &groups, f64::log2);
-    let (frames, pixels) = frames(&file, &views_of(&file, views)?)?;
-    say("frames: dB by which measured is better than predicted", &frames, |ratio| -20.0 * ratio.log10());
-    for (name, over) in &pixels {
+    let count = rest.get(1).map_or(Ok(FRAMES), |count| count.parse())?;
+    let found = frames(&file, &views_of(&file, views, count)?)?;
+    let decibels = |ratio: f64| -20.0 * ratio.log10();
+    say("frames: dB by which measured is better than predicted", &found.predicted, decibels);
+    say("frames: dB by which measured is better than estimated from patches", &found.estimated, decibels);
+    for (name, within) in &found.within {
+        let [one, two, three] = within.map(|part| 100.0 * part);
+        println!("{name}: {one:.0}, {two:.0}, {three:.0} % within one, two, three standard errors");
+    }
+    for (name, over) in &found.over {
         println!("{name}: {:.2} % of the pixels have a larger error than predicted", 100.0 * over);
     }
+    let estimated = |point: Point| Point { of: format!("{}, {PATCHES} patches", point.of), ..point };
+    let frames: Vec<Point> = found.predicted.into_iter().chain(found.estimated.into_iter().map(estimated)).collect();
     let mut csv = "of,predicted,measured\n".to_owned();
     for Point { of, predicted, measured } in groups.iter().chain(&frames) {
         writeln!(csv, "{of},{predicted},{measured}")?;
@@ -201,53 +211,71 @@ fn nodes_of(file: &PageFile, pages: &[Range<usize>]) -> Result<Nodes> {
 }
 
 /// Views of a camera file or of a path of the town.
-fn views_of(file: &PageFile, views: &str) -> Result<Vec<Camera>> {
+fn views_of(file: &PageFile, views: &str, count: usize) -> Result<Vec<Camera>> {
     let Some(path) = TownPath::named(views) else {
         let cameras = camera::read_at(Path::new(views), Some(SIZE))?.cameras;
-        let step = cameras.len().div_ceil(FRAMES).max(1);
+        let step = cameras.len().div_ceil(count).max(1);
         return Ok(cameras.into_iter().step_by(step).map(|named| named.camera.resized(SIZE)).collect());
     };
     let town = Procedural::parse(&format!("town:{}", file.statistics().count)).context("a town")??;
-    let views = town.views(path, FRAMES).context("the town has this path")?;
+    let views = town.views(path, count).context("the town has this path")?;
     Ok(camera::path::looking(&views, SIZE))
 }
 
-/// A number of nodes, and the fraction of the pixels whose error is larger than predicted.
-type Over = (String, f64);
+/// What pictures of views have of their errors.
+struct Frames {
+    /// The errors that are predicted for the nodes, and the measured ones.
+    predicted: Vec<Point>,
+    /// The errors that are estimated from patches, and the measured ones.
+    estimated: Vec<Point>,
+    /// A number of nodes; the fractions of the pictures whose mean squared error is within one, two and three standard
+    /// errors of its estimate.
+    within: Vec<(String, [f64; 3])>,
+    /// A number of nodes, and the fraction of the pixels whose error is larger than predicted.
+    over: Vec<(String, f64)>,
+}
 
-/// Draws the views, and returns the predicted and the measured error of each picture.
-fn frames(file: &Arc<PageFile>, views: &[Camera]) -> Result<(Vec<Point>, Vec<Over>)> {
+/// Draws the views by levels and with all Gaussians.
+fn frames(file: &Arc<PageFile>, views: &[Camera]) -> Result<Frames> {
     let environment = Environment::read()?;
     let device = Device::open(&environment.device, environment.validation.unwrap_or(Validation::Off))?;
     let source = SceneSource::of_file(file.clone());
     let rules = Rules { near: 0.1, antialiased: true, ..Options::BALANCED.rules };
     let options = Options { rules, ..Options::BALANCED };
-    let draw = |options: &Options, inspection: Option<Inspection>| -> Result<Vec<(Pixels, Option<f64>, u32)>> {
+    let renderer = |options: &Options| {
         let scene = source.upload_with(&device, options, Upload::reserving(1 << 28))?;
-        let mut renderer = Renderer::new(&device, options, &scene)?;
-        renderer.set_inspection(inspection.unwrap_or_default())?;
-        let draw = |view: &Camera| {
-            let frame = renderer.render(view, Background::BLACK)?;
-            let predicted = frame.detail.and_then(|detail| detail.predicted_psnr);
-            Ok((renderer.pixels()?, predicted, frame.totals.visible))
-        };
-        views.iter().map(draw).collect()
+        Renderer::new(&device, options, &scene)
     };
-    let exact = draw(&options, None)?;
-    let visible = exact.iter().map(|(_, _, visible)| f64::from(*visible)).sum::<f64>() / exact.len() as f64;
-    let (mut points, mut pixels) = (Vec::new(), Vec::new());
+    let mut whole = renderer(&options)?;
+    let counts = views.iter().map(|view| Ok(f64::from(whole.render(view, Background::BLACK)?.totals.visible)));
+    let visible = counts.sum::<Result<f64>>()? / views.len() as f64;
+    drop(whole);
+    let mut found = Frames { predicted: Vec::new(), estimated: Vec::new(), within: Vec::new(), over: Vec::new() };
+    let steps = |db: f64| 255.0 * 10_f64.powf(-db / 20.0);
     for part in [20, 5] {
-        let options = Options { splats: (visible / f64::from(part)) as u32, ..options };
-        let pictures = draw(&options, None)?;
-        let errors = draw(&options, Some(Inspection::of_attribute(Attribute::PredictedError)))?;
+        let mut levels = renderer(&Options { splats: (visible / f64::from(part)) as u32, ..options })?;
         let name = format!("1/{part} of the nodes");
-        let (mut over, mut all) = (0, 0);
-        for (((exact, _, _), (picture, predicted, _)), (errors, _, _)) in exact.iter().zip(&pictures).zip(&errors) {
-            let steps = |db: f64| 255.0 * 10_f64.powf(-db / 20.0);
-            let measured = psnr(exact, picture);
+        let (mut over, mut all, mut within) = (0, 0, [0; 3]);
+        for view in views {
+            let predicted = levels.render(view, Background::BLACK)?.detail.and_then(|detail| detail.predicted_psnr);
+            let picture = levels.pixels()?;
+            let sampled = levels.sample_psnr(view, Background::BLACK, PATCHES)?;
+            levels.set_inspection(Inspection::of_attribute(Attribute::PredictedError))?;
+            levels.render(view, Background::BLACK)?;
+            let errors = levels.pixels()?;
+            levels.set_inspection(Inspection::default())?;
+            levels.set_finest(true);
+            levels.render(view, Background::BLACK)?;
+            levels.set_finest(false);
+            let exact = levels.pixels()?;
+            let measured = psnr(&exact, &picture);
             if let Some(predicted) = predicted.filter(|_| measured.is_finite()) {
-                points.push(Point { of: name.clone(), predicted: steps(predicted), measured: steps(measured) });
+                let point = |db| Point { of: name.clone(), predicted: steps(db), measured: steps(measured) };
+                found.predicted.push(point(predicted));
+                found.estimated.push(point(sampled.psnr()));
             }
+            let off = (mse(&exact, &picture) - sampled.mse).abs();
+            (1..=3).for_each(|k| within[k - 1] += u32::from(off <= k as f64 * sampled.standard_error));
             let pairs = exact.rgba.iter().zip(&picture.rgba).zip(&errors.rgba);
             let is_over = |((exact, drawn), [log2, .., alpha]): ((&[f32; 4], &[f32; 4]), &[f32; 4])| {
                 let squared: f32 = (0..3).map(|k| (exact[k] - drawn[k]).powi(2)).sum();
@@ -256,7 +284,8 @@ fn frames(file: &Arc<PageFile>, views: &[Camera]) -> Result<(Vec<Point>, Vec<Ove
             over += pairs.filter(|pair| is_over(*pair)).count();
             all += exact.rgba.len();
         }
-        pixels.push((name, f64::from(over as u32) / f64::from(all as u32)));
+        found.within.push((name.clone(), within.map(|count| f64::from(count) / views.len() as f64)));
+        found.over.push((name, over as f64 / all as f64));
     }
-    Ok((points, pixels))
+    Ok(found)
 }

@@ -233,6 +233,13 @@ class Renderer:
         """An iterator over the pictures of many cameras, in their order. The GPU draws the next ones while Python works on
         one. Arguments and errors are those of `render`. An exception of the iterator `cameras` is raised after the
         pictures of the cameras before it."""
+    def measure_levels(
+        self, camera: Camera, *, background: ArrayLike | None = (0.0, 0.0, 0.0), patches: int = 64
+    ) -> tuple[float, float]:
+        """The PSNR of the picture of a camera by levels of detail (`splats=`, `lod_error=`, `lod_psnr=` of a page file of
+        `smalto lod`) against the picture of all Gaussians, and its standard error, both in dB. It is estimated from about
+        `patches` squares of 64x64 pixels, or measured if these are the whole picture. (inf, 0.0) if no pixel differs.
+        Errors: ValueError if the pictures have no levels."""
     def update(self, scene: Scene) -> None:
         """Draws another scene from now on, with the same preset and knobs: the next step of a training, say. The memory of
         the old one is free before the new one is brought to the device."""

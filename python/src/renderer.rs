@@ -228,6 +228,43 @@ impl Renderer {
         })
     }
 
+    /// The PSNR of the picture of a camera by levels of detail (`splats=`, `lod_error=`, `lod_psnr=` of a page file of
+    /// `smalto lod`) against the picture of all Gaussians, and its standard error, both in dB. It is estimated from
+    /// about `patches` squares of 64x64 pixels, or measured if these are the whole picture. (inf, 0.0) if no pixel
+    /// differs. Errors: ValueError if the pictures have no levels.
+    #[pyo3(
+        signature = (camera, *, background = Ground::BLACK, patches = 64),
+        text_signature = "($self, camera, *, background=(0.0, 0.0, 0.0), patches=64)"
+    )]
+    fn measure_levels(
+        &self,
+        py: Python,
+        camera: &Bound<PyAny>,
+        background: Ground,
+        patches: u32,
+    ) -> PyResult<(f64, f64)> {
+        check_process()?;
+        let camera: Camera = given(camera, "camera", "a Camera")?;
+        let background = background.background()?;
+        if patches < 2 {
+            return Err(PyValueError::new_err("patches: expected 2 or more"));
+        }
+        let inner = self.inner.clone();
+        let measured = interruptible(py, move |_| {
+            let mut inner = lock(&inner);
+            let near = inner.asked.near(&camera);
+            if !inner.options().wants_levels() {
+                return Ok(None);
+            }
+            let drawing = inner.drawing(near)?.clone();
+            let sampled = lock(&drawing).stream.renderer().sample_psnr(&camera.camera, background, patches)?;
+            anyhow::Ok(Some((sampled.psnr(), sampled.standard_error_db())))
+        });
+        let no_levels = "the pictures have no levels: draw a page file of `smalto lod` with splats=, lod_error= or \
+                         lod_psnr=";
+        measured?.map_err(exception)?.ok_or_else(|| PyValueError::new_err(no_levels))
+    }
+
     /// Draws another scene from now on, with the same preset and knobs: the next step of a training, say. The memory of
     /// the old one is free before the new one is brought to the device.
     fn update(&self, py: Python, scene: &Bound<PyAny>) -> PyResult<()> {

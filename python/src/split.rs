@@ -26,8 +26,8 @@ use crate::scene::Scene;
 /// Draws each picture of one scene on several devices: each draws a band of rows, and the borders follow the times.
 ///
 /// Pictures have the bytes of `Renderer` on a device of the same kind. That pays for scenes that take one device
-/// several milliseconds; small pictures are drawn faster by one, and sets of pictures by one `Renderer` for each device.
-/// `devices` is "all", or a list of numbers and parts of names, like [0, 1]. `memory` is the most memory to
+/// several milliseconds; small pictures are drawn faster by one, and sets of pictures by one `Renderer` for each
+/// device. `devices` is "all", or a list of numbers and parts of names, like [0, 1]. `memory` is the most memory to
 /// take on each device, in bytes. Other arguments are those of `Renderer`. A device that is lost is left out with a
 /// warning, and the others draw. Pictures along rays and below the scale 1 are drawn by the first device. Errors:
 /// ValueError, DeviceError, MemoryError.

@@ -70,6 +70,24 @@ def test_a_scene_from_arrays_draws_the_same_bits(scene, renderer):
     assert np.array_equal(smalto.Renderer(again, preset="exact").render(camera).color, expected)
 
 
+def test_the_psnr_of_levels_is_measured_and_kept(tmp_path):
+    file = tmp_path / "cactus.smalto"
+    command = ["-m", "smalto", "lod", "cactus:20000", "-o", file]
+    subprocess.run([sys.executable, *command], check=True, capture_output=True)
+    scene = smalto.Scene.read(file)
+    camera = scene.camera(*SIZE)
+    levels, whole = smalto.Renderer(scene, lod_psnr=35), smalto.Renderer(scene)
+    measured = smalto.compare(levels.render(camera), whole.render(camera))["psnr_db"]
+    assert 35 <= measured < 45
+    assert levels.measure_levels(camera) == pytest.approx((measured, 0), abs=1e-4)
+    psnr, error = levels.measure_levels(camera, patches=2)
+    assert error > 0 and psnr != measured
+    with pytest.raises(ValueError, match="the pictures have no levels"):
+        whole.measure_levels(camera)
+    with pytest.raises(ValueError, match="patches: expected 2 or more"):
+        levels.measure_levels(camera, patches=1)
+
+
 def test_several_devices_draw_the_bytes_of_one(scene, renderer):
     camera = scene.camera(160, 240)
     split = smalto.SplitRenderer(scene, [renderer.device, renderer.device], preset="exact")

@@ -56,6 +56,7 @@ mod headings;
 mod info;
 mod interrupt;
 mod knobs;
+mod levels;
 #[cfg(test)]
 mod pairs;
 mod pipeline_cache;
@@ -83,15 +84,11 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Parser, Subcommand};
 
-use crate::camera::Camera;
 use crate::files::describe;
 use crate::gpu::{Device, TooLarge, Unavailable};
 use crate::host_memory::OutOfMemory;
-use crate::measure::metrics::psnr;
 use crate::measure::trade::Unmeetable;
-use crate::pixels::Pixels;
-use crate::render::{NoLevels, Renderer, UndrawableLens};
-use crate::rules::Background;
+use crate::render::{NoLevels, UndrawableLens};
 use crate::scene::Unreadable;
 use crate::threads;
 pub use devices::{open_device, open_devices};
@@ -261,18 +258,6 @@ fn exit_code(error: &anyhow::Error) -> u8 {
     } else {
         1
     }
-}
-
-/// The PSNR of a picture by levels of detail against that of all Gaussians, dB; `None` if both are equal.
-fn measured_psnr(
-    renderer: &mut Renderer,
-    (camera, background): (&Camera, Background),
-    pixels: &Pixels,
-) -> Result<Option<f64>> {
-    renderer.set_finest(true);
-    let whole = renderer.render(camera, background).and_then(|_| renderer.pixels());
-    renderer.set_finest(false);
-    Ok(Some(psnr(pixels, &whole?)).filter(|db| db.is_finite()))
 }
 
 /// The meaning of the largest bound in a certificate, as a sentence.

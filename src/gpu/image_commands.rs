@@ -41,6 +41,34 @@ impl Commands {
         Ok(Readback::new(staging, pixels, self.recording))
     }
 
+    /// Copies rectangles (left, top, width, height) of an image of floats to the host, one after the other, each row by
+    /// row.
+    ///
+    /// # Errors
+    /// The memory of the copy cannot be allocated.
+    ///
+    /// # Panics
+    /// If a rectangle is empty or not inside the image.
+    pub fn read_rectangles(&mut self, image: &Image, rectangles: &[[u32; 4]]) -> Result<Readback<[f32; 4]>> {
+        let [image_width, image_height] = image.size();
+        let (mut regions, mut pixels) = (Vec::new(), 0);
+        for [left, top, width, height] in rectangles {
+            let is_inside = left + width <= image_width && top + height <= image_height && *width > 0 && *height > 0;
+            assert!(is_inside, "the rectangles lie in the image");
+            let region = vk::BufferImageCopy::default()
+                .buffer_offset(16 * pixels as u64)
+                .image_subresource(LAYER)
+                .image_offset(vk::Offset3D { x: *left as i32, y: *top as i32, z: 0 })
+                .image_extent(vk::Extent3D { width: *width, height: *height, depth: 1 });
+            regions.push(region);
+            pixels += *width as usize * *height as usize;
+        }
+        self.reads(image.resource(), "read back", Access::COPY_READ);
+        let staging = self.readback_storage(pixels as u64 * 16)?;
+        self.copy_rectangles(image, &staging, &regions);
+        Ok(Readback::new(staging, pixels, self.recording))
+    }
+
     /// Copies all pixels of an image of floats to the host, row by row without gaps: four words each. They are there
     /// after the wait.
     ///
@@ -60,11 +88,15 @@ impl Commands {
             .image_subresource(LAYER)
             .image_offset(vk::Offset3D { x: 0, y: rows.start as i32, z: 0 })
             .image_extent(vk::Extent3D { width: image.size()[0], height: rows.len() as u32, depth: 1 });
+        self.copy_rectangles(image, to, &[region]);
+    }
+
+    fn copy_rectangles(&mut self, image: &Image, to: &Arc<Storage>, regions: &[vk::BufferImageCopy]) {
         self.keep(image.resource());
         self.keep(Resource::Buffer(to));
         let (from, layout) = (image.texture.raw, vk::ImageLayout::GENERAL);
-        // SAFETY: clauses 2 and 4; the image is in GENERAL, and callers checked that the buffer holds the rows.
-        unsafe { self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, layout, to.raw, &[region]) };
+        // SAFETY: clauses 2 and 4; the image is in GENERAL, and callers checked that the buffer holds the regions.
+        unsafe { self.device.0.raw.cmd_copy_image_to_buffer(self.raw(), from, layout, to.raw, regions) };
     }
 
     /// Writes all pixels of an image of floats, row by row.

@@ -261,8 +261,9 @@ pub static KNOBS: [Knob; 17] = [
     Knob {
         name: "lod-psnr",
         value_name: "DB",
-        help: "Draw levels of detail within a PSNR of DB, if no node hides another\n\nThe sum of the errors of all \
-               nodes is kept as low as this PSNR allows. Nodes do hide others: most pictures are 5 to 40 dB better. \
+        help: "Draw the fewest Gaussians that keep a PSNR of DB\n\nThe PSNR to the picture of all \
+               Gaussians is estimated from 64 patches of 64x64 pixels, and kept with one standard error to spare. \
+               `view`, which does not wait, keeps a PSNR that is predicted: most pictures are 5 to 40 dB better. \
                In place of --lod-error, for a file made by `smalto lod` [default: 0, no limit].",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 100.0], usual: [0.0, 60.0], is_fraction: false },

@@ -60,8 +60,8 @@ pub struct Options {
     /// colours per saved node, summed over pixels and channels, in steps of 1/255. 0: nothing is simplified.
     #[serde(default)]
     pub lod_error: f32,
-    /// The predicted PSNR of the whole picture, from the measured errors of the nodes, dB. Replaces `lod_error`. 0:
-    /// none.
+    /// The PSNR to the picture of all Gaussians that each picture keeps, dB; of frames that do not wait for pages, the
+    /// PSNR that is predicted from the errors of the nodes. Replaces `lod_error`. 0: none.
     #[serde(default)]
     pub lod_psnr: f32,
     /// Splat budget: most nodes of a picture, which raises the error limit if needed. 0: unlimited.

@@ -5,6 +5,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::band::Band;
+use super::patches::Patches;
 use super::scene::GpuScene;
 use super::shaders::{Slab, View};
 use crate::camera::Camera;
@@ -20,12 +21,14 @@ pub struct Shot<'a> {
     pub camera: &'a Camera,
     /// The rows that are drawn.
     pub band: Band,
+    /// The patches that are drawn, if not all are. The rest of the image has no meaning.
+    pub patches: Option<&'a Patches>,
 }
 
 impl<'a> Shot<'a> {
     /// The whole picture of a camera.
     pub fn new(scene: &'a GpuScene, camera: &'a Camera) -> Self {
-        Self { scene, camera, band: Band::whole(camera.size_px) }
+        Self { scene, camera, band: Band::whole(camera.size_px), patches: None }
     }
 
     /// Width and height of the image.
@@ -36,6 +39,12 @@ impl<'a> Shot<'a> {
     /// The number of tiles of the image.
     pub(super) fn tiles(&self) -> u32 {
         tiles(self.size()).iter().product()
+    }
+
+    /// A bit for each cell of a grid over the image, set if the cell is drawn.
+    pub(super) fn open_cells(&self, cell_px: [u32; 2], cells: [u32; 2]) -> Vec<u32> {
+        let all = || vec![u32::MAX; cells.iter().product::<u32>().div_ceil(32) as usize];
+        self.patches.map_or_else(all, |patches| patches.cells(cell_px, cells))
     }
 
     /// The camera as the shaders read it.

@@ -4,8 +4,8 @@
 //! `RENDER_ROOMS` in `tests/architecture/layers.rs` is the whole table.
 //!
 //! **Ground.** `shaders` are the typed interfaces of `glsl/`, written by `build.rs`. `capacity` counts the elements of
-//! buffers, and their growth. `band` is the part of a picture that a frame draws, `path` the path and the limits of a
-//! frame. `readback`, `pack` and `upscale` handle images. -> `gpu`
+//! buffers, and their growth. `band` and `patches` are parts of a picture that a frame draws, `path` the path and the
+//! limits of a frame. `readback`, `pack` and `upscale` handle images. -> `gpu`
 //!
 //! **`scene`.** A scene before and in device memory, whole or as a cache of pages; `frame` has the view, the target and
 //! the depth keys of a frame, and `constants` maps options to specialization constants, with a code of `frame`.
@@ -44,8 +44,10 @@
 //! **`path_choice`.** The two engines, and the choice of the one that draws a frame; `recorded` has its counts and
 //! `self_test` compares the pictures of both paths at the start. -> `slabs`, `streaming`, `path`, `readback`
 //!
+//! **`sample`.** The PSNR of levels of detail, measured on patches of a picture. -> `self_test`
+//!
 //! **`renderer`.** The facade: a frame from camera to pixels, repeated until it fits.
-//! -> `path_choice`, `self_test`, `upscale`
+//! -> `path_choice`, `sample`, `upscale`
 //!
 //! **`frame_queue`.** Several frames in flight, and their pixels on the host. -> `renderer`, `pack`
 //!
@@ -64,6 +66,7 @@ mod lod;
 mod marks;
 mod pack;
 mod pages;
+mod patches;
 mod path;
 mod path_choice;
 mod portable;
@@ -72,6 +75,7 @@ mod rays;
 mod readback;
 mod recorded;
 mod renderer;
+mod sample;
 mod scene;
 mod self_test;
 #[doc(hidden)]
@@ -96,10 +100,12 @@ pub use frame_queue::{Finished, Form, FrameOutputs, FrameQueue, HostFrame, Queue
 pub use inspect::{Attribute, Explained, Explanation, Inspection, Look, Work, depths};
 #[doc(hidden)]
 pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, upload_pixels};
-pub use lod::LodReport;
+pub use lod::{LodReport, SampledPsnr};
 #[doc(hidden)]
 pub use marks::{Aim, Figure, Marker, Outline, SelectionMode, from_segment};
 pub use pack::Packer;
+#[doc(hidden)]
+pub use patches::Patches;
 pub use path::Path;
 #[doc(hidden)]
 pub use portable::{Pairs, PortableStages, PortableWorkspace, RadixSort, SortRange, SortScratch};
@@ -109,6 +115,8 @@ pub use recorded::Frame;
 #[doc(hidden)]
 pub use recorded::{Recorded, Started};
 pub use renderer::{RayCertifier, Renderer, UndrawableLens};
+#[doc(hidden)]
+pub use sample::{LimitSearch, PsnrMeasurement, Step};
 #[doc(hidden)]
 pub use scene::Content;
 pub use scene::{Features, GpuScene, JoinedScenes, NoLevels, PagesRead, SceneSource, Upload};

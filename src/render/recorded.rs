@@ -1,6 +1,6 @@
 //! Frames: recorded, on the GPU, or finished.
 
-use super::lod::{LodReport, LodSelector};
+use super::lod::{LodReport, LodSelector, SampledPsnr};
 use super::path::{Limits, Path};
 use super::shaders::{SelectionState, Totals};
 use super::slabs::{SlabReport, SlabbedFrame};
@@ -44,6 +44,8 @@ pub struct Recorded {
     pub(super) number: u64,
     pub(super) counted: Counted,
     pub(super) limits: Limits,
+    /// The PSNR by which its levels were chosen, if they were.
+    pub(super) sampled: Option<SampledPsnr>,
 }
 
 /// The counts of a recorded frame.
@@ -73,11 +75,12 @@ impl Recorded {
 
     /// The report of the levels of detail, if the frame was drawn by them.
     pub(super) fn detail(&self, results: &Results, options: &Options) -> Option<LodReport> {
-        match &self.counted {
+        let detail = match &self.counted {
             Counted::Slabbed(drawn) => drawn.detail,
             Counted::Whole(_) => None,
             Counted::Paged(_, pages) => LodSelector::report(&results.view(&pages.state)[0], options),
-        }
+        };
+        detail.map(|detail| self.sampled.map_or(detail, |sampled| detail.with(&sampled)))
     }
 
     /// The timings of the frame, from the timings of its commands.

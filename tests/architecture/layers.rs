@@ -41,16 +41,17 @@ const EDGES: [(&str, &str); 23] = [
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
-const RENDER_ROOMS: [(&str, &str); 28] = [
+const RENDER_ROOMS: [(&str, &str); 30] = [
     ("shaders", ""),
     ("readback", ""),
     ("band", "shaders"),
+    ("patches", ""),
     ("pack", "shaders"),
     ("upscale", "shaders"),
     ("capacity", "shaders"),
     ("path", "capacity"),
     ("scene", "shaders"),
-    ("frame", "shaders band scene"),
+    ("frame", "shaders band patches scene"),
     ("constants", "shaders frame"),
     ("arrays", "shaders scene constants"),
     ("portable", "shaders capacity scene frame constants"),
@@ -71,10 +72,11 @@ const RENDER_ROOMS: [(&str, &str); 28] = [
          recorded",
     ),
     ("self_test", "shaders readback capacity path scene frame fast path_choice"),
+    ("sample", "patches frame scene lod path_choice self_test"),
     (
         "renderer",
         "shaders readback band upscale capacity path scene frame constants inspect lod streaming recorded path_choice \
-         self_test",
+         self_test sample",
     ),
     ("frame_queue", "band pack capacity path inspect recorded renderer"),
     ("split", "band recorded renderer frame_queue"),

@@ -14,6 +14,7 @@ mod frame;
 mod gsplat;
 mod inspect;
 mod knobs;
+mod levels;
 mod metamorphic;
 mod outputs;
 mod placing;

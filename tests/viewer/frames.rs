@@ -234,6 +234,23 @@ pub(super) fn levels(folder: &std::path::Path) -> PathBuf {
     output
 }
 
+/// The levels of a picture at rest are corrected until their measured error is the one that is asked for.
+#[test]
+fn a_wanted_psnr_is_kept_at_rest() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let file = levels(folder.path());
+    for wanted in [30.0, 42.0] {
+        let options = Options { lod_psnr: wanted, ..Options::default() };
+        let mut offscreen = open(&gpu, Setup { options, ..setup(&[file.to_str().unwrap()]) });
+        let (camera, background) = (offscreen.viewer().view.camera(), offscreen.viewer().view.background);
+        let renderer = &mut offscreen.session.pair.first.as_mut().unwrap().renderer;
+        let sampled = renderer.sample_psnr(&camera, background, 1000).unwrap();
+        // Cuts change by pages, of which so small a scene has few.
+        assert!((0.0..3.0).contains(&sampled.surplus(wanted.into())), "{sampled:?} in place of {wanted} dB");
+        assert!(offscreen.session.title().contains(&format!("({:.1} dB", sampled.psnr())));
+    }
+}
+
 #[test]
 fn a_scene_with_levels_is_read_page_by_page() {
     let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
@@ -242,7 +259,14 @@ fn a_scene_with_levels_is_read_page_by_page() {
     let mut offscreen = open(&gpu, Setup { options, ..setup(&[file.to_str().unwrap()]) });
     let residency = offscreen.session.residency().unwrap();
     assert!(residency.missing == 0 && residency.resident > 20 && residency.is_settled(), "{residency:?}");
-    assert!(offscreen.session.title().starts_with("levels.smalto - "), "{}", offscreen.session.title());
+    assert!(offscreen.session.title().starts_with("levels.smalto ("), "{}", offscreen.session.title());
+    // At rest the error of the levels is measured: all patches of so small a picture are drawn.
+    let (camera, background) = (offscreen.viewer().view.camera(), offscreen.viewer().view.background);
+    let renderer = &mut offscreen.session.pair.first.as_mut().unwrap().renderer;
+    let sampled = renderer.sample_psnr(&camera, background, 1000).unwrap();
+    assert!(sampled.patches[0] == sampled.patches[1] && sampled.psnr() > 20.0, "{sampled:?}");
+    let said = format!("({:.1} dB +- 0.0 to all Gaussians)", sampled.psnr());
+    assert!(offscreen.session.title().contains(&said), "{}, {said}", offscreen.session.title());
     // The picture that is written waits for all pages, and the one on the screen shows the same.
     let (screen, picture) = (shown(&mut offscreen), folder.path().join("view.png"));
     offscreen.viewer().export.picture = picture.to_str().unwrap().to_owned();

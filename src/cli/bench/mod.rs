@@ -7,7 +7,7 @@ mod table;
 mod views;
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 
@@ -17,14 +17,15 @@ use crate::cli::devices::{DevicesArgs, SHARE_NEEDS_SEVERAL, say_memory};
 use crate::cli::drawable::{Drawable, read_places};
 use crate::cli::headings::{ACCURACY, CAMERAS, DEVICE, LEVELS, MEASURING, REPORTS};
 use crate::cli::knobs::Knobs;
+use crate::cli::levels::{Measurement, parse_measurement};
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
 use crate::cli::values::whole;
-use crate::cli::{OverThreshold, Usage, check_plots, complain, knobs, measured_psnr, one_of, progress, remark, values};
+use crate::cli::{OverThreshold, Usage, check_plots, complain, knobs, one_of, progress, remark, values};
 use crate::files::check_writable;
 use crate::gpu::Device;
 use crate::measure::bench::{
-    self, Bench, Change, DeviceReport, Protocol, Report, SceneReport, Statistics, Subject, VersionReport,
+    self, Bench, Change, DetailReport, DeviceReport, Protocol, Report, SceneReport, Statistics, Subject, VersionReport,
 };
 use crate::measure::metrics::psnr;
 use crate::options::Options;
@@ -108,11 +109,14 @@ pub(super) struct Args {
     preset: Vec<String>,
     #[command(flatten)]
     knobs: Knobs,
-    /// Draw every view with all Gaussians, too, and report the PSNR
+    /// Measure the PSNR of levels of detail; =sample estimates it
     ///
-    /// The PSNR is that of the picture by levels of detail against the one of all Gaussians.
-    #[arg(long, help_heading = LEVELS)]
-    measure_levels: bool,
+    /// The PSNR is that of the picture by levels of detail against the one of all Gaussians. Without a value, every
+    /// picture is drawn with all Gaussians, too. =sample draws about 64 patches of 64x64 pixels with all Gaussians, and
+    /// =sample:N about N; the PSNR is then an estimate with a standard error.
+    #[arg(long, help_heading = LEVELS, value_name = "sample[:N]")]
+    #[arg(value_parser = parse_measurement, num_args = 0..=1, require_equals = true, default_missing_value = "whole")]
+    measure_levels: Option<Measurement>,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -217,8 +221,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
             if args.certificate {
                 run.certified_error = Some(certified_error(&device, &scene, &views, &options)?);
             }
-            if let Some(detail) = run.detail.as_mut().filter(|_| args.measure_levels) {
-                detail.measured_psnr = measured_levels(&device, &gpu, &views, &options)?;
+            if let (Some(detail), Some(measurement)) = (&mut run.detail, args.measure_levels) {
+                measure_levels(measurement, Renderer::new(&device, &options, &gpu)?, &views, detail)?;
             }
             if devices.len() > 1 {
                 let bring = |device: &Device| {
@@ -299,21 +303,25 @@ fn accuracy(
     Ok(Some(psnr(&renderer.pixels()?, &exact)).filter(|db| db.is_finite()))
 }
 
-/// The PSNR of the pictures of views by levels of detail against those of all Gaussians; `None` if all are equal.
-fn measured_levels(
-    device: &Device,
-    scene: &GpuScene,
+/// Measures the PSNR of the pictures of views by levels of detail.
+fn measure_levels(
+    measurement: Measurement,
+    mut renderer: Renderer,
     views: &[Camera],
-    options: &Options,
-) -> Result<Option<Statistics>> {
-    let mut renderer = Renderer::new(device, options, scene)?;
-    let mut measured = Vec::new();
+    report: &mut DetailReport,
+) -> Result<()> {
+    let (mut measured, mut times) = (Vec::new(), Vec::new());
     for view in views {
-        renderer.render(view, Background::BLACK)?;
+        let frame = renderer.render(view, Background::BLACK)?;
         let pixels = renderer.pixels()?;
-        measured.extend(measured_psnr(&mut renderer, (view, Background::BLACK), &pixels)?);
+        let Some(detail) = frame.detail else { continue };
+        let started = Instant::now();
+        measured.push(measurement.of(&mut renderer, (view, Background::BLACK), &pixels, detail)?);
+        times.push(1e3 * started.elapsed().as_secs_f64());
     }
-    Ok((!measured.is_empty()).then(|| Statistics::of(measured)))
+    report.set_measured(&measured);
+    report.measurement_ms = (!times.is_empty()).then(|| Statistics::of(times));
+    Ok(())
 }
 
 /// The largest certified bound of any pixel of any view.

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 
+use crate::cli::levels::decibels;
 use crate::cli::table::{say_table, table};
 use crate::cli::{certified, say};
 use crate::measure::bench::{
@@ -71,14 +72,17 @@ pub(super) fn print_run(run: &Run, checked: bool) -> Result<()> {
         counts.lanes_per_pixel.median,
         counts.early_exit_rate.median * 100.0
     )?;
-    if let Some(DetailReport { nodes, pages, measured_psnr, .. }) = &run.detail {
-        let measured =
-            |db: Statistics| format!(", {:.1} dB to all Gaussians, {:.1} in the worst view", db.median, db.min);
+    if let Some(DetailReport { nodes, pages, measured_psnr, standard_error, measurement_ms, .. }) = &run.detail {
+        let error = standard_error.map(|error| error.median);
+        let measured = |db: Statistics| {
+            format!(", {} to all Gaussians, {:.1} in the worst view", decibels(db.median, error), db.min)
+        };
         say!(
-            "  about {:.0} nodes in {:.0} pages of the levels{} (medians)",
+            "  about {:.0} nodes in {:.0} pages of the levels{}{} (medians)",
             nodes.median,
             pages.median,
-            measured_psnr.map_or_else(String::new, measured)
+            measured_psnr.map_or_else(String::new, measured),
+            measurement_ms.map_or_else(String::new, |ms| format!(", measured in {:.1} ms", ms.median))
         )?;
     }
     let bytes: u64 = run.memory.iter().map(|a| a.bytes).sum();

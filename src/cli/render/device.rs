@@ -13,7 +13,7 @@ use super::buffer_pool::PooledFrame;
 use super::encode::{Job, Source, Task};
 use super::queue::Queue;
 use crate::cli::environment::Environment;
-use crate::cli::{Usage, dump, measured_psnr, remark};
+use crate::cli::{Usage, dump, remark};
 use crate::gpu::{Commands, Device, DeviceKind, DeviceLost};
 use crate::options::Options;
 use crate::pixels::Integers;
@@ -166,7 +166,7 @@ impl Task<'_> {
         let whole = Renderer::whole_because(options, &self.shot.camera);
         if whole.is_some() {
             whole
-        } else if args.certificate.is_some() || args.dump.is_some() || args.measure_levels {
+        } else if args.certificate.is_some() || args.dump.is_some() || args.measure_levels.is_some() {
             Some("--certificate, --dump and --measure-levels draw whole pictures")
         } else if self.is_of_video {
             Some("frames of a video are drawn as a whole")
@@ -180,7 +180,7 @@ impl Task<'_> {
     fn is_alone(&self, args: &Args, largest: u64) -> bool {
         let bytes = self.wanted(args).bytes(self.drawn_size());
         let is_large = bytes > largest && self.band.is_none();
-        args.certificate.is_some() || args.dump.is_some() || args.measure_levels || is_large
+        args.certificate.is_some() || args.dump.is_some() || args.measure_levels.is_some() || is_large
     }
 
     /// Bytes of its pixels on their way to the files.
@@ -323,8 +323,8 @@ impl<'r, 'p> Worker<'r, 'p> {
                 dump::write(folder, results.captures())?;
             }
             let (mut frame, pixels) = (frame, renderer.pixels()?);
-            if let Some(detail) = frame.detail.as_mut().filter(|_| args.measure_levels) {
-                detail.measured_psnr = measured_psnr(renderer, (&shot.camera, args.background), &pixels)?;
+            if let (Some(detail), Some(measurement)) = (&mut frame.detail, args.measure_levels) {
+                *detail = measurement.of(renderer, (&shot.camera, args.background), &pixels, *detail)?;
             }
             frames.push(frame);
             certificate = match &mut self.certifier {

@@ -20,6 +20,7 @@ use super::report::{FileReport, FrameReport};
 use super::resume::Record;
 use super::video::Encoder;
 use crate::cli::drawable::Drawable;
+use crate::cli::levels::decibels;
 use crate::cli::progress::Bar;
 use crate::cli::{
     Usage, certified, complain,
@@ -372,14 +373,14 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
     }
     if let Some(detail) = frame.detail {
-        let LodReport { lod_error, nodes, pages, measured_psnr, .. } = detail;
+        let LodReport { lod_error, nodes, pages, measured_psnr, standard_error, .. } = detail;
         let limit = match detail.is_coarsest() {
             true => "there are no coarser ones".to_owned(),
             false => format!("error {lod_error:.3} per node"),
         };
         let measured = match measured_psnr {
-            Some(db) => format!(", {db:.1} dB to all Gaussians"),
-            None if args.measure_levels => ", equal to all Gaussians".to_owned(),
+            Some(db) => format!(", {} to all Gaussians", decibels(db, standard_error)),
+            None if args.measure_levels.is_some() => ", equal to all Gaussians".to_owned(),
             None => String::new(),
         };
         say!(

@@ -49,6 +49,7 @@ use crate::cli::devices::{DevicesArgs, names_of, say_memory};
 use crate::cli::drawable::read_places;
 use crate::cli::headings::{ACCURACY, CAMERAS, DEVICE, LEVELS, MANY, OUTPUT, REPORTS};
 use crate::cli::knobs::Knobs;
+use crate::cli::levels::{Measurement, parse_measurement};
 use crate::cli::scenes::SceneArg;
 use crate::cli::sink::Sink;
 use crate::cli::{REPORTS_TO_STDOUT, Usage, knobs, one_of, say, values};
@@ -206,12 +207,15 @@ pub(super) struct Args {
     portable: bool,
     #[command(flatten)]
     knobs: Knobs,
-    /// Draw every picture with all Gaussians, too, and report the PSNR
+    /// Measure the PSNR of levels of detail; =sample estimates it
     ///
-    /// The PSNR is that of the picture by levels of detail against the one of all Gaussians. Each view is waited for.
-    #[arg(long, help_heading = LEVELS, hide_short_help = true)]
+    /// The PSNR is that of the picture by levels of detail against the one of all Gaussians. Without a value, every
+    /// picture is drawn with all Gaussians, too. =sample draws about 64 patches of 64x64 pixels with all Gaussians, and
+    /// =sample:N about N; the PSNR is then an estimate with a standard error. Each view is waited for.
+    #[arg(long, help_heading = LEVELS, hide_short_help = true, value_name = "sample[:N]")]
+    #[arg(value_parser = parse_measurement, num_args = 0..=1, require_equals = true, default_missing_value = "whole")]
     #[arg(conflicts_with_all = ["reference", "certificate", "dump", "verify", "max_error", "min_psnr"])]
-    measure_levels: bool,
+    measure_levels: Option<Measurement>,
     #[command(flatten)]
     device: DevicesArgs,
     /// What several devices share: auto, frame or views [default: auto]

@@ -265,12 +265,16 @@ fn detail(frames: &[Measured]) -> Option<DetailReport> {
     let cuts: Option<Vec<_>> = frames.iter().map(|measured| measured.frame.detail).collect();
     cuts.filter(|cuts| !cuts.is_empty()).map(|cuts| {
         let predicted: Vec<f64> = cuts.iter().filter_map(|cut| cut.predicted_psnr).collect();
-        DetailReport {
+        let mut report = DetailReport {
             nodes: Statistics::of(cuts.iter().map(|cut| cut.nodes)),
             pages: Statistics::of(cuts.iter().map(|cut| cut.pages as f64)),
             predicted_psnr: (!predicted.is_empty()).then(|| Statistics::of(predicted)),
             measured_psnr: None,
-        }
+            standard_error: None,
+            measurement_ms: None,
+        };
+        report.set_measured(&cuts);
+        report
     })
 }
 

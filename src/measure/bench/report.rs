@@ -14,7 +14,7 @@ use crate::camera::Camera;
 use crate::files::read_whole;
 use crate::options::Options;
 use crate::pixels::Pixels;
-use crate::render;
+use crate::render::{self, LodReport};
 use crate::scene::Gaussians;
 
 /// The measurements of `smalto bench`. Times are in milliseconds.
@@ -184,6 +184,24 @@ pub struct DetailReport {
     /// The PSNR of the pictures of all views against those of all Gaussians, dB; null if it was not measured, or all
     /// are equal.
     pub measured_psnr: Option<Statistics>,
+    /// The standard errors of these PSNR where they are estimated from patches of the pictures, dB; otherwise null.
+    #[serde(default)]
+    pub standard_error: Option<Statistics>,
+    /// The wall time of a measurement by --measure-levels, after the picture by levels is there, ms; null without.
+    #[serde(default)]
+    pub measurement_ms: Option<Statistics>,
+}
+
+impl DetailReport {
+    /// Takes the measured PSNR of pictures into the report.
+    pub(crate) fn set_measured(&mut self, pictures: &[LodReport]) {
+        let all = |of: fn(&LodReport) -> Option<f64>| {
+            let values: Vec<f64> = pictures.iter().filter_map(of).collect();
+            (!values.is_empty()).then(|| Statistics::of(values))
+        };
+        self.measured_psnr = all(|picture| picture.measured_psnr);
+        self.standard_error = all(|picture| picture.standard_error);
+    }
 }
 
 /// One stage of the frame on the GPU.

@@ -128,17 +128,19 @@ fn measured_errors_are_near_the_prediction() {
     for zoom in [1.0, 3.0] {
         let camera = view(&gaussians, zoom);
         let whole = draw(&device, &source(&file), &options, &camera).0;
-        for db in [30.0, 36.0, 42.0] {
-            let (pixels, detail) = draw(&device, &source(&file), &Options { lod_psnr: db, ..options }, &camera);
+        // Limits from the finest cut to one of few nodes.
+        let mut judged = 0;
+        for lod_error in (0..8).map(|octave| 5.0 * (octave as f32).exp2()) {
+            let (pixels, detail) = draw(&device, &source(&file), &Options { lod_error, ..options }, &camera);
             let (measured, LodReport { predicted_psnr, nodes, .. }) = (psnr(&pixels, &whole), detail.unwrap());
-            let predicted_psnr = predicted_psnr.unwrap();
+            let Some(predicted_psnr) = predicted_psnr.filter(|db| (10.0..45.0).contains(db)) else { continue };
+            judged += 1;
             shown.push(format!("{zoom}: {nodes:.0} nodes, {predicted_psnr:.1} dB predicted, {measured:.1} shown"));
-            // One page more or less in the cut changes the prediction by half a dB here.
-            assert!((-0.05..1.5).contains(&(predicted_psnr - f64::from(db))), "{shown:?}");
             // The prediction counts hidden nodes, and at a distance errors decrease faster than predicted. Errors in
             // one direction may be larger than the mean of several.
             assert!((-6.0..25.0).contains(&(measured - predicted_psnr)), "{shown:?}");
         }
+        assert!(judged >= 2, "{shown:?}");
     }
 }
 

@@ -24,5 +24,5 @@ mod selection_tests;
 
 pub(crate) use frame::{PagedFrame, load_missing};
 pub(crate) use selection::{LodSelector, SelectedPage, Selection, SelectionParams};
-pub use target::LodReport;
 pub(crate) use target::drawn_fraction;
+pub use target::{LodReport, SampledPsnr};

@@ -245,7 +245,7 @@ impl LodSelector {
     }
 
     /// Lists the pages in view.
-    fn cull_pages(&self, cmd: &mut Commands, Shot { scene, camera, band }: Shot) {
+    fn cull_pages(&self, cmd: &mut Commands, Shot { scene, camera, band, .. }: Shot) {
         let bindings = CullPagesBindings {
             boxes: &self.boxes,
             errors: &self.errors,

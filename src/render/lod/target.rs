@@ -31,6 +31,39 @@ pub struct LodReport {
     pub predicted_psnr: Option<f64>,
     /// The PSNR of the picture against that of all Gaussians, dB; null if it was not measured, or both are equal.
     pub measured_psnr: Option<f64>,
+    /// The standard error of `measured_psnr` if that is estimated from patches of the picture, dB; otherwise null.
+    pub standard_error: Option<f64>,
+    /// The number of patches of the estimate, and of all in the picture; otherwise null.
+    pub patches: Option<[u32; 2]>,
+}
+
+/// The PSNR of a picture by levels of detail against the picture of all Gaussians, estimated from a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SampledPsnr {
+    /// The mean squared error of the colour values of the whole picture: an unbiased estimate.
+    pub mse: f64,
+    /// The standard error of `mse`; 0 if the sample is the whole picture.
+    pub standard_error: f64,
+    /// The number of patches that were drawn, and of all in the picture.
+    pub patches: [u32; 2],
+}
+
+impl SampledPsnr {
+    /// The PSNR in dB; infinite if no pixel differs.
+    pub fn psnr(&self) -> f64 {
+        -10.0 * self.mse.log10()
+    }
+
+    /// By how many dB the PSNR exceeds a wanted one, with one standard error to spare.
+    pub fn surplus(&self, wanted: f64) -> f64 {
+        // An error that no picture shows counts as one below the resolution of floats.
+        -10.0 * (self.mse + self.standard_error).max(1e-18).log10() - wanted
+    }
+
+    /// The standard error of the PSNR in dB, to first order in that of `mse`.
+    pub fn standard_error_db(&self) -> f64 {
+        if self.mse == 0.0 { 0.0 } else { 10.0 / std::f64::consts::LN_10 * self.standard_error / self.mse }
+    }
 }
 
 impl LodReport {
@@ -48,6 +81,18 @@ impl LodReport {
             predicted_psnr: Some(-10.0 * (wide(state.squared_error) / f64::from(ERROR_UNITS).exp2()).log10())
                 .filter(|db| db.is_finite()),
             measured_psnr: None,
+            standard_error: None,
+            patches: None,
+        }
+    }
+
+    /// The report with a PSNR that was estimated.
+    pub fn with(self, sampled: &SampledPsnr) -> Self {
+        Self {
+            measured_psnr: Some(sampled.psnr()).filter(|db| db.is_finite()),
+            standard_error: Some(sampled.standard_error_db()),
+            patches: Some(sampled.patches),
+            ..self
         }
     }
 }

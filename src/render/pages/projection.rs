@@ -34,7 +34,7 @@ impl PageProjection {
 
     /// Projects the Gaussians of these pages that are in the slab, and appends their splats to those of the frame.
     pub fn record(&self, cmd: &mut Commands, frame: &FastFrame, draw_list: &DrawList, count: PageCount, slab: Slab) {
-        let FastFrame { work, options, shot: Shot { scene, camera, band }, grid, .. } = *frame;
+        let FastFrame { work, options, shot: Shot { scene, camera, band, .. }, grid, .. } = *frame;
         let keys = frame.depth_keys();
         let bindings = ProjectBindings {
             bounds: &scene.bounds,

@@ -45,6 +45,8 @@ pub(crate) struct PathChoice {
     selector: Option<LodSelector>,
     /// Loads pages beside frames that do not wait for them.
     pub streamer: Option<PageStreamer>,
+    /// The error limit of the last frame that did not wait for pages, as that of the options.
+    pub last_limit: f32,
     /// The next frame repeats one that did not fit. It draws the same resident pages: with more, it might not fit
     /// again.
     pub is_repeated: bool,
@@ -92,6 +94,7 @@ impl PathChoice {
             variation,
             selector: scene.paged().map(|paged| LodSelector::new(device, scene, paged)).transpose()?,
             streamer: None,
+            last_limit: 0.0,
             is_repeated: false,
             notice: is_left_to_portable.then(|| {
                 "only the portable path and, along rays, the path rays make certificates, so one of them draws; \
@@ -425,6 +428,7 @@ impl PathChoice {
         if !selector.ensure_capacity(device, scene, state)? {
             return Ok(false);
         }
+        self.last_limit = 255.0 * f32::from_bits(state.limit_squared).sqrt();
         if let Some(requests) = &counts.requests {
             if let Some(streamer) = &mut self.streamer {
                 streamer.handle_requests(state, results, requests);

@@ -70,7 +70,8 @@ impl FastEngine {
         let is_first = self.slabs.is_none();
         let reads_pages =
             scene.paged().is_some_and(|paged| !options.wants_levels() && (is_first || !paged.cache().fits_all()));
-        let in_slabs = self.needs_slabs || reads_pages || !has_memory(self.work.grow(device, demand, 0))?;
+        let is_sample = shot.patches.is_some();
+        let in_slabs = is_sample || self.needs_slabs || reads_pages || !has_memory(self.work.grow(device, demand, 0))?;
         if !in_slabs {
             self.pipeline.prepare(device, grid)?;
             if scene.is_paged() && self.paged.as_ref().is_none_or(|paged| paged.attribute != attribute) {

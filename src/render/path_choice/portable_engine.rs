@@ -80,7 +80,9 @@ impl PortableEngine {
     pub fn prepare(&mut self, device: &Device, shot: Shot, options: &Options) -> Result<Limits> {
         let (scene, cells) = (shot.scene, shot.tiles() as usize);
         let demand = Capacity { gaussians: scene.placed_len(), cells, ..Capacity::default() };
-        let in_slabs = self.needs_slabs || scene.is_paged() || !has_memory(self.work.grow(device, demand).map(drop))?;
+        let is_sample = shot.patches.is_some();
+        let in_slabs =
+            is_sample || self.needs_slabs || scene.is_paged() || !has_memory(self.work.grow(device, demand).map(drop))?;
         self.make(device, options)?;
         let longest_list = self.pipeline().longest_list(self.passes);
         Ok(Limits { path: Path::Portable, in_slabs, capacity: self.work.capacity, longest_list })

@@ -109,7 +109,7 @@ impl Blending {
     pub fn record(
         &self,
         cmd: &mut Commands,
-        Shot { scene, camera, band }: Shot,
+        Shot { scene, camera, band, .. }: Shot,
         work: &PortableWorkspace,
         splat_ids: &Buffer<u32>,
         target: Target,

@@ -1,14 +1,17 @@
 //! The facade: renders pictures of one scene on the path that suits each, and repeats a frame that did not fit.
 //!
 //! - `mod` - [`Renderer`]: settings, frames, pixels
+//! - `levels` - the cut of levels of detail, and its error
 //! - `explain` - the splats and the depth of a pixel
 //! - `ray_certifier` - certificates against the response along rays
 //! - `reports` - residency, memory, bytes of stages
 
 mod explain;
+mod levels;
 mod ray_certifier;
 mod reports;
 
+use levels::Searched;
 pub use ray_certifier::RayCertifier;
 
 use std::fmt;
@@ -30,6 +33,7 @@ use crate::render::path::{Limits, Path};
 use crate::render::path_choice::PathChoice;
 use crate::render::readback::read_pixels;
 use crate::render::recorded::{Counted, Frame, Recorded, Started};
+use crate::render::sample::LevelSampler;
 use crate::render::scene::{Features, GpuScene};
 use crate::render::self_test::{choose, test_rays};
 use crate::render::shaders::{Room, Totals};
@@ -55,6 +59,11 @@ pub struct Renderer {
     needs_tile_lists: bool,
     /// The rows of all pictures that are drawn, if not all are.
     band: Option<Band>,
+    /// True while pictures are drawn with all Gaussians.
+    is_finest: bool,
+    sampler: Option<LevelSampler>,
+    /// The error limits that were searched: pictures may be repeated.
+    searched: Vec<Searched>,
     /// The frame recorded last.
     last: Option<Last>,
 }
@@ -134,6 +143,9 @@ impl Renderer {
             picker: None,
             needs_tile_lists: false,
             band: None,
+            is_finest: false,
+            sampler: None,
+            searched: Vec::new(),
             last: None,
         })
     }
@@ -176,20 +188,6 @@ impl Renderer {
     #[doc(hidden)]
     pub fn prepare_portable(&mut self) -> Result<()> {
         self.choice.make_portable(&self.device)
-    }
-
-    /// Draws the finest cut through the levels of detail from now on, which shows the bits of the scene, or again the
-    /// cut of the options.
-    #[doc(hidden)]
-    pub fn set_finest(&mut self, is_finest: bool) {
-        self.choice.options = if is_finest { self.options.finest() } else { self.options };
-    }
-
-    /// Limits the splat budget of a scene with levels of detail from now on. A lower budget of the options holds.
-    #[doc(hidden)]
-    pub fn limit_splats(&mut self, splats: Option<u32>) {
-        let own = self.options.splats;
-        self.choice.options.splats = splats.map_or(own, |most| if own > 0 { own.min(most) } else { most });
     }
 
     /// Draws the resident levels of detail from now on, and loads pages beside the frames, which do not wait for them.
@@ -381,6 +379,7 @@ impl Renderer {
         }
         let unit = if self.band.is_some() { self.band_rows(camera) } else { 1 };
         ensure!(band.is_of(camera.size_px, unit), "a picture of {:?} has no {band:?}", camera.size_px);
+        let sampled = self.keep_psnr(camera, background)?;
         match self.fit_images(camera.size_px, band) {
             Err(error) if error.is::<OutOfMemory>() => {
                 // Images precede lists, which slabs can divide.
@@ -396,7 +395,7 @@ impl Renderer {
         let inspector = inspector.or(self.inspector.as_ref());
         let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));
         let needs_tile_lists = self.needs_tile_lists || inspector.is_some() && attribute.is_none();
-        let shot = Shot { scene: &self.scene, camera, band };
+        let shot = Shot { scene: &self.scene, camera, band, patches: None };
         test_rays(&mut self.choice, &self.device, &self.scene, camera)?;
         self.drawn = self.choice.prepare(&self.device, shot, needs_tile_lists, attribute)?;
         ensure!(
@@ -432,7 +431,7 @@ impl Renderer {
                 }
             }
         };
-        Ok(Recorded { number, counted, limits: self.drawn })
+        Ok(Recorded { number, counted, limits: self.drawn, sampled })
     }
 
     /// The reason why pictures of a camera cannot show the scene, or an inspection of it; `None` if they can.

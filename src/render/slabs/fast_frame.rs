@@ -84,11 +84,13 @@ impl FastSlabs {
         let mut cmd = Commands::new(device)?;
         let views = views_of(scene, camera, &options.rules);
         cmd.upload(&self.buffers.listed, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
-        cmd.fill(&self.open_bins.0[0], u32::MAX);
+        let open = shot.open_cells(grid.bin_px(), grid.bins);
+        cmd.upload(&self.open_bins.0[0], 0, open.len(), |memory| memory.copy_from_slice(&open))?;
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
         // A frame that failed may have left counts behind.
         cmd.fill(&work.counters, 0);
         cmd.fill(&work.listed_in_bins, 0);
-        cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image));
+        cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image, grid, &self.open_bins.0[0]));
         let _begun = cmd.submit()?;
         let mut before = 0;
         while let Some(next) = progress.partition.next() {

@@ -54,9 +54,11 @@ impl FastStages {
         Ok(())
     }
 
-    /// Sets the state of every pixel before the first slab: no colour, full transmittance.
-    pub fn begin(&self, cmd: &mut Commands, image: &Image) {
-        cmd.dispatch(&self.begin, BeginBindings { image }, BeginPush { size_px: image.size() }, over(image));
+    /// Sets the state of every pixel before the first slab: no colour, full transmittance. Pixels of bins that are not
+    /// open have stopped.
+    pub fn begin(&self, cmd: &mut Commands, image: &Image, grid: BinGrid, open_bins: &Buffer<u32>) {
+        let push = BeginPush { size_px: image.size(), bin_px: grid.bin_px(), bins_x: grid.bins[0] };
+        cmd.dispatch(&self.begin, BeginBindings { image, open_bins }, push, over(image));
     }
 
     /// Blends the background behind the states, which become the picture.

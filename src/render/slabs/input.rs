@@ -61,12 +61,8 @@ const PAGES_PER_TASK: usize = 4096;
 
 impl<'a> SlabInput<'a> {
     /// The input of a frame. For a scene in pages, it has the pages of `selection` that may be visible.
-    pub fn of(
-        Shot { scene, camera, .. }: Shot<'a>,
-        options: &Options,
-        grid: CellGrid,
-        selection: Option<&Selection>,
-    ) -> Self {
+    pub fn of(shot: Shot<'a>, options: &Options, grid: CellGrid, selection: Option<&Selection>) -> Self {
+        let Shot { scene, camera, .. } = shot;
         let (Some(paged), Some(selection)) = (scene.paged(), selection) else { return Self::Whole(scene.len()) };
         let cache = paged.cache();
         let alpha_min = cache.pages().alpha_min();
@@ -93,8 +89,9 @@ impl<'a> SlabInput<'a> {
         };
         let mut visible: Vec<_> = selection.pages.par_iter().with_min_len(1024).filter_map(seen).collect();
         visible.par_sort_unstable_by_key(|page| (page.keys[0], page.view, page.page));
-        let all = vec![u32::MAX; grid.cells.iter().product::<u32>().div_ceil(32) as usize];
-        let (open, marks) = (OpenBinTable::of(&all, grid.cells), vec![NONE; pages.len()]);
+        let open = OpenBinTable::of(&shot.open_cells(grid.cell_px, grid.cells), grid.cells);
+        visible.retain(|page| open.touches(page));
+        let marks = vec![NONE; pages.len()];
         Self::Paged(Box::new(PagedInput { cache, visible, open, estimated_open: 0, bins: grid.cells, marks }))
     }
 

@@ -157,7 +157,7 @@ impl PortableSlabs {
         range: &Range<SortPosition>,
     ) -> Result<SlabLists> {
         let PortableFrame { pipeline, work, options, shot, .. } = *frame;
-        let Shot { scene, camera, band } = shot;
+        let Shot { scene, camera, band, .. } = shot;
         let (keys, listed) = (frame.depth_keys(), &self.buffers.listed);
         let mut cmd = Commands::new(device)?;
         let mut elements = views_of(scene, camera, &options.rules);
@@ -243,7 +243,7 @@ impl PortableSlabs {
 
     fn project(&self, cmd: &mut Commands, frame: &PortableFrame) {
         let PortableFrame { work, options, shot, .. } = *frame;
-        let Shot { scene, camera, band } = shot;
+        let Shot { scene, camera, band, .. } = shot;
         let keys = frame.depth_keys();
         let bindings = ProjectTilesBindings {
             gaussian_from_splat: &work.gaussian_from_splat,

@@ -6,9 +6,11 @@
 //! - `job_events` - handling of the events of jobs, and starting the builds of pictures
 //! - `screen` - drawing and presenting pictures with panels, with frames in flight
 //! - `motion` - pictures of a lower scale during motion, so that frames keep a rate
+//! - `level_error` - the PSNR of levels of detail, measured while the view rests
 //! - `residency` - residency of the pages of scenes that are read page by page
 
 mod job_events;
+mod level_error;
 mod motion;
 mod requests;
 mod residency;

@@ -12,7 +12,7 @@ impl Session {
         both.max_by_key(|residency| (!residency.is_settled(), residency.missing))
     }
 
-    /// The title of the window: the names of the scenes, the view mode, and missing pages.
+    /// The title of the window: the names of the scenes, the view mode, and missing pages or the PSNR of levels.
     pub fn title(&self) -> String {
         let names: Vec<&str> = self.viewer.scenes.layers.iter().map(|layer| layer.name.as_str()).collect();
         let missing_pages = match self.residency() {
@@ -20,7 +20,10 @@ impl Session {
                 format!(" ({missing} pages of levels do not fit into memory)")
             }
             Some(Residency { missing, .. }) if missing > 0 => format!(" ({missing} pages of levels are missing yet)"),
-            _ => self.motion_title(),
+            _ => match self.level_psnr() {
+                Some(psnr) => format!(" ({psnr} to all Gaussians)"),
+                None => self.motion_title(),
+            },
         };
         // With hidden panels, nothing else shows the view mode.
         let look = match self.viewer.inspector.settings.view_mode() {
@@ -32,6 +35,12 @@ impl Session {
         } else {
             format!("{}{look}{missing_pages} - smalto", names.join(", "))
         }
+    }
+
+    /// The PSNR of the levels of the first picture as text, if it is known.
+    fn level_psnr(&self) -> Option<String> {
+        let (camera, background) = (self.viewer.pictures.view.as_ref(), self.viewer.view.background);
+        self.pair.first.as_ref()?.level_psnr(camera, background)
     }
 
     /// Reports that a shown picture began or ceased to wait for pages.

@@ -145,6 +145,7 @@ impl Session {
             && self.residency().is_none_or(|residency| residency.is_settled())
             && !viewer.pictures.is_any_building()
             && self.has_full_scale()
+            && !self.is_to_be_measured()
             && !viewer.has_running_edits()
             && !viewer.view.navigator.is_gliding()
             && !viewer.pictures.are_stale
@@ -241,6 +242,7 @@ impl Session {
             self.record_shown(now, draws);
             self.report_residency();
             self.take_snapshot()?;
+            self.measure_levels()?;
         }
         let repaint_delay = self.repaint_delay();
         self.previous = Some((now, draws && repaint_delay <= layout_lifetime));
@@ -424,7 +426,8 @@ impl Session {
     /// The time until the next frame is due, if nothing happens before.
     fn repaint_delay(&self) -> Duration {
         let viewer = &self.viewer;
-        if viewer.pictures.are_stale || viewer.view.navigator.is_gliding() || viewer.film.is_playing {
+        let moves = viewer.pictures.are_stale || viewer.view.navigator.is_gliding() || viewer.film.is_playing;
+        if moves || self.is_to_be_measured() {
             return Duration::ZERO;
         }
         let flicker = viewer.comparison.until_flicker(viewer.timing.seconds());

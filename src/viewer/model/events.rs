@@ -67,6 +67,13 @@ pub enum Event {
         there: usize,
         fitting: usize,
     },
+    /// The PSNR of the levels of detail of the shown picture against all Gaussians was measured.
+    Levels {
+        /// An estimate, dB; null if no pixel differs.
+        psnr: Option<f64>,
+        /// Its standard error, dB.
+        standard_error: f64,
+    },
     /// A picture or the frames of a path were written.
     Written {
         text: String,

@@ -7,6 +7,7 @@ use anyhow::{Result, ensure};
 
 use super::appearance::Appearance;
 use super::edit::{Edit, joined_sets};
+use super::level_error::LevelError;
 use super::loaded_scene::{DrawnScene, LoadedScene, are_same, draw_same};
 use crate::camera::Camera;
 use crate::gpu::{Device, Image};
@@ -14,7 +15,8 @@ use crate::options::Options;
 use crate::packing::{Layout, Statistics};
 use crate::pagefile::PagedScene;
 use crate::render::{
-    Content, Frame, GpuScene, Inspection, JoinedScenes, Marker, Path, Renderer, Residency, SceneSource, Upload,
+    Content, Frame, GpuScene, Inspection, JoinedScenes, LimitSearch, Marker, Path, PsnrMeasurement, Renderer,
+    Residency, SampledPsnr, SceneSource, Step, Upload,
 };
 use crate::rules::Background;
 use crate::scene::{Gaussians, Transform};
@@ -57,6 +59,9 @@ pub struct Drawn {
     /// The path that drew the frame of these totals.
     pub path: Path,
     pub inspection: Inspection,
+    pub level_error: LevelError,
+    /// The search of the error limit that keeps a PSNR in this view.
+    search: Option<LimitSearch>,
 }
 
 /// The marks of a scene on the device.
@@ -229,6 +234,8 @@ impl Plan {
             frame,
             path,
             inspection,
+            level_error: LevelError::default(),
+            search: None,
         })
     }
 
@@ -416,6 +423,55 @@ impl Drawn {
     /// The residency of its pages, if it is drawn without waiting for them.
     pub fn residency(&self) -> Option<Residency> {
         self.renderer.residency()
+    }
+
+    /// True if it shows the levels of detail that are asked for, and their error can be measured.
+    pub fn has_measurable_levels(&self) -> bool {
+        self.renderer.measures_levels() && self.residency().is_none_or(|pages| pages.missing == 0)
+    }
+
+    /// True if the error of this picture of it is known, or cannot be known.
+    pub fn is_measured(&self, camera: &Camera, background: Background) -> bool {
+        let LevelError::Ended(measurement, _) = &self.level_error else { return false };
+        self.has_measurable_levels() && self.renderer.is_measured_by(measurement, camera, background)
+    }
+
+    /// Begins to measure the error of the levels of a picture.
+    ///
+    /// # Errors
+    /// If memory runs out, or a page cannot be read.
+    pub fn begin_measurement(&mut self, camera: &Camera, background: Background, patches: u32) -> Result<()> {
+        let is_same_view = |before: &PsnrMeasurement| before.camera == *camera && before.background == background;
+        if !self.level_error.measurement().is_some_and(is_same_view) {
+            let search = |wanted| LimitSearch::new(wanted, self.renderer.error_limit());
+            self.search = self.renderer.wanted_psnr().map(search);
+        }
+        let measurement = self.renderer.begin_measurement(camera, background, patches)?;
+        self.level_error = LevelError::Running(Box::new(measurement));
+        Ok(())
+    }
+
+    /// Ends a measurement. True if the levels change, so that the wanted PSNR is kept.
+    pub fn end_measurement(&mut self, found: SampledPsnr) -> bool {
+        self.level_error.end(Some(found));
+        let Some(mut search) = self.search.take() else { return false };
+        let drawn = search.limit();
+        let limit = match search.step(found) {
+            Step::Try(limit) => {
+                self.search = Some(search);
+                limit
+            }
+            Step::Found(limit, _) if limit == drawn => return false,
+            Step::Found(limit, _) => limit,
+            Step::AllGaussians => Options::default().finest().lod_error.into(),
+        };
+        self.renderer.set_error_limit(limit);
+        true
+    }
+
+    /// The PSNR of the levels of this picture as text, if it is known.
+    pub fn level_psnr(&self, camera: Option<&Camera>, background: Background) -> Option<String> {
+        self.level_error.text().filter(|_| camera.is_some_and(|camera| self.is_measured(camera, background)))
     }
 
     /// Device memory: name and bytes of every buffer.

@@ -69,6 +69,11 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
                 count(missing.into())
             ));
         }
+        if let Some(psnr) = first.level_psnr(viewer.pictures.view.as_ref(), viewer.view.background) {
+            let explained = "PSNR of the levels of detail against all Gaussians, with its standard error: an estimate \
+                             from 64 squares of 64x64 pixels that are drawn with all Gaussians, too";
+            ui.label(format!("{psnr} to all Gaussians")).on_hover_text(explained);
+        }
         if let Some(notice) = first.renderer.notice() {
             ui.label(notice);
         }

@@ -1,0 +1,138 @@
+//! Levels of detail: the cut of the next frames, and the measurement of its error.
+
+use anyhow::Result;
+
+use super::Renderer;
+use crate::camera::Camera;
+use crate::options::Options;
+use crate::render::lod::SampledPsnr;
+use crate::render::sample::{LevelSampler, PsnrMeasurement};
+use crate::rules::Background;
+
+/// The number of patches on which a PSNR is measured.
+const PATCHES: u32 = 64;
+
+/// The most error limits that are kept.
+const MOST_SEARCHED: usize = 1024;
+
+/// The error limit by which the picture of a camera keeps the PSNR of the options.
+pub(super) struct Searched {
+    camera: Camera,
+    background: Background,
+    limit: f32,
+    psnr: SampledPsnr,
+}
+
+impl Renderer {
+    /// Draws the finest cut through the levels of detail from now on, which shows the bits of the scene, or again the
+    /// cut of the options.
+    #[doc(hidden)]
+    pub fn set_finest(&mut self, is_finest: bool) {
+        self.is_finest = is_finest;
+        self.choice.options = if is_finest { self.options.finest() } else { self.options };
+    }
+
+    /// Limits the splat budget of a scene with levels of detail from now on. A lower budget of the options holds.
+    #[doc(hidden)]
+    pub fn limit_splats(&mut self, splats: Option<u32>) {
+        let own = self.options.splats;
+        self.choice.options.splats = splats.map_or(own, |most| if own > 0 { own.min(most) } else { most });
+    }
+
+    /// The PSNR that frames which do not wait for pages are to keep, dB; `None` without one.
+    #[doc(hidden)]
+    pub fn wanted_psnr(&self) -> Option<f64> {
+        (self.options.lod_psnr > 0.0 && self.choice.streamer.is_some()).then_some(self.options.lod_psnr.into())
+    }
+
+    /// The error limit of the last frame that did not wait for pages, as that of the options.
+    #[doc(hidden)]
+    pub fn error_limit(&self) -> f64 {
+        self.choice.last_limit.into()
+    }
+
+    /// Keeps this error limit from now on, in place of the one that follows from the predicted PSNR.
+    #[doc(hidden)]
+    pub fn set_error_limit(&mut self, limit: f64) {
+        self.choice.options = Options { lod_error: limit as f32, lod_psnr: 0.0, ..self.choice.options };
+    }
+
+    /// Sets the error limit of the next frame to the largest that keeps the PSNR of the options, and returns the
+    /// estimate. The options of frames that do not wait for pages have a predicted PSNR instead.
+    pub(super) fn keep_psnr(&mut self, camera: &Camera, background: Background) -> Result<Option<SampledPsnr>> {
+        let wanted = self.options.lod_psnr;
+        if wanted == 0.0 || self.is_finest || !self.scene.has_lod() || self.choice.streamer.is_some() {
+            return Ok(None);
+        }
+        let is_known = |known: &&Searched| known.camera == *camera && known.background == background;
+        let (limit, psnr) = match self.searched.iter().find(is_known) {
+            Some(known) => (known.limit, known.psnr),
+            None => {
+                let found = self.sampler()?.search(camera, background, wanted.into(), PATCHES)?;
+                let (limit, psnr) = found;
+                if self.searched.len() == MOST_SEARCHED {
+                    self.searched.clear();
+                }
+                self.searched.push(Searched { camera: camera.clone(), background, limit, psnr });
+                found
+            }
+        };
+        self.choice.options = Options { lod_error: limit, lod_psnr: 0.0, ..self.choice.options };
+        // A splat budget may have raised the limit.
+        Ok(Some(psnr).filter(|_| self.options.splats == 0))
+    }
+
+    /// Estimates the PSNR of the picture of a camera against the picture of all Gaussians, from about this number of
+    /// patches. The picture is that of the levels that a frame draws which waits for its pages.
+    ///
+    /// # Errors
+    /// If memory runs out, or a page cannot be read.
+    pub fn sample_psnr(&mut self, camera: &Camera, background: Background, patches: u32) -> Result<SampledPsnr> {
+        let mut measurement = self.begin_measurement(camera, background, patches)?;
+        Ok(self.go_on_measuring(&mut measurement, usize::MAX)?.expect("all strata were drawn"))
+    }
+
+    /// True if pictures are drawn by levels of detail whose error can be measured without evicting their pages.
+    #[doc(hidden)]
+    pub fn measures_levels(&self) -> bool {
+        self.options.wants_levels() && self.scene.paged().is_some_and(|paged| paged.cache().fits_all())
+    }
+
+    /// Begins what [`Renderer::sample_psnr`] does at once.
+    ///
+    /// # Errors
+    /// As [`Renderer::sample_psnr`].
+    #[doc(hidden)]
+    pub fn begin_measurement(
+        &mut self,
+        camera: &Camera,
+        background: Background,
+        patches: u32,
+    ) -> Result<PsnrMeasurement> {
+        self.keep_psnr(camera, background)?;
+        Ok(PsnrMeasurement::new(&self.choice.options, camera, background, patches))
+    }
+
+    /// True if a measurement is one of this picture, by the present levels.
+    #[doc(hidden)]
+    pub fn is_measured_by(&self, measurement: &PsnrMeasurement, camera: &Camera, background: Background) -> bool {
+        let PsnrMeasurement { levels, camera: of, background: over, .. } = measurement;
+        *levels == self.choice.options && of == camera && *over == background
+    }
+
+    /// Draws the next strata of a measurement. Returns the estimate after the last one.
+    ///
+    /// # Errors
+    /// As [`Renderer::sample_psnr`].
+    #[doc(hidden)]
+    pub fn go_on_measuring(&mut self, measurement: &mut PsnrMeasurement, strata: usize) -> Result<Option<SampledPsnr>> {
+        self.sampler()?.go_on(measurement, strata)
+    }
+
+    fn sampler(&mut self) -> Result<&mut LevelSampler> {
+        if self.sampler.is_none() {
+            self.sampler = Some(LevelSampler::new(&self.device, &self.options, &self.scene)?);
+        }
+        Ok(self.sampler.as_mut().expect("it was made"))
+    }
+}
