@@ -237,9 +237,9 @@ class Renderer:
         self, camera: Camera, *, background: ArrayLike | None = (0.0, 0.0, 0.0), patches: int = 64
     ) -> tuple[float, float]:
         """The PSNR of the picture of a camera by levels of detail (`splats=`, `lod_error=`, `lod_psnr=` of a page file of
-        `smalto lod`) against the picture of all Gaussians, and its standard error, both in dB. It is estimated from about
-        `patches` squares of 64x64 pixels, or measured if these are the whole picture. (inf, 0.0) if no pixel differs.
-        Errors: ValueError if the pictures have no levels."""
+        `smalto lod`) against the picture of all Gaussians, and its standard error, both in dB. It is estimated from
+        about `patches` squares of 64x64 pixels, or measured if there are not more that show the scene. (inf, 0.0) if no
+        pixel of these differs. Errors: ValueError if the pictures have no levels."""
     def update(self, scene: Scene) -> None:
         """Draws another scene from now on, with the same preset and knobs: the next step of a training, say. The memory of
         the old one is free before the new one is brought to the device."""
@@ -277,8 +277,8 @@ class SplitRenderer:
     """Draws each picture of one scene on several devices: each draws a band of rows, and the borders follow the times.
 
     Pictures have the bytes of `Renderer` on a device of the same kind. That pays for scenes that take one device
-    several milliseconds; small pictures are drawn faster by one, and sets of pictures by one `Renderer` for each device.
-    `devices` is "all", or a list of numbers and parts of names, like [0, 1]. `memory` is the most memory to
+    several milliseconds; small pictures are drawn faster by one, and sets of pictures by one `Renderer` for each
+    device. `devices` is "all", or a list of numbers and parts of names, like [0, 1]. `memory` is the most memory to
     take on each device, in bytes. Other arguments are those of `Renderer`. A device that is lost is left out with a
     warning, and the others draw. Pictures along rays and below the scale 1 are drawn by the first device. Errors:
     ValueError, DeviceError, MemoryError."""

@@ -230,8 +230,8 @@ impl Renderer {
 
     /// The PSNR of the picture of a camera by levels of detail (`splats=`, `lod_error=`, `lod_psnr=` of a page file of
     /// `smalto lod`) against the picture of all Gaussians, and its standard error, both in dB. It is estimated from
-    /// about `patches` squares of 64x64 pixels, or measured if these are the whole picture. (inf, 0.0) if no pixel
-    /// differs. Errors: ValueError if the pictures have no levels.
+    /// about `patches` squares of 64x64 pixels, or measured if there are not more that show the scene. (inf, 0.0) if no
+    /// pixel of these differs. Errors: ValueError if the pictures have no levels.
     #[pyo3(
         signature = (camera, *, background = Ground::BLACK, patches = 64),
         text_signature = "($self, camera, *, background=(0.0, 0.0, 0.0), patches=64)"

@@ -204,8 +204,8 @@ impl Inner {
         let drawing = self.drawing(self.asked.near(camera))?;
         let frame = drawing.render(&camera.camera, background, outputs);
         let lost = drawing.take_lost();
-        let mut frame = frame.inspect_err(|_| self.drawing = None)?;
         lost.iter().for_each(|lost| drop(self.parts.remove(lost.place)));
+        let mut frame = frame.inspect_err(|_| self.drawing = None)?;
         let content = joined(camera.camera.size_px, &mut frame.bands);
         self.bands = frame.bands.iter().map(Drawn::of).collect();
         let picture = Picture {

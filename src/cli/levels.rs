@@ -5,7 +5,7 @@ use anyhow::{Context, Result};
 use crate::camera::Camera;
 use crate::measure::metrics::psnr;
 use crate::pixels::Pixels;
-use crate::render::{LodReport, Renderer};
+use crate::render::{LodReport, PATCHES, Renderer};
 use crate::rules::Background;
 
 /// What is drawn with all Gaussians.
@@ -15,9 +15,6 @@ pub(super) enum Measurement {
     /// About so many patches.
     Sample(u32),
 }
-
-/// The number of patches if none is given.
-const PATCHES: u32 = 64;
 
 /// Parses the value of `--measure-levels`.
 pub(super) fn parse_measurement(text: &str) -> Result<Measurement> {

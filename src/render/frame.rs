@@ -44,7 +44,7 @@ impl<'a> Shot<'a> {
     /// A bit for each cell of a grid over the image, set if the cell is drawn.
     pub(super) fn open_cells(&self, cell_px: [u32; 2], cells: [u32; 2]) -> Vec<u32> {
         let all = || vec![u32::MAX; cells.iter().product::<u32>().div_ceil(32) as usize];
-        self.patches.map_or_else(all, |patches| patches.cells(cell_px, cells))
+        self.patches.map_or_else(all, |patches| patches.cells(self.band, cell_px, cells))
     }
 
     /// The camera as the shaders read it.

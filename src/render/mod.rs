@@ -116,7 +116,7 @@ pub use recorded::Frame;
 pub use recorded::{Recorded, Started};
 pub use renderer::{RayCertifier, Renderer, UndrawableLens};
 #[doc(hidden)]
-pub use sample::{LimitSearch, PsnrMeasurement, Step};
+pub use sample::{LimitSearch, PATCHES, PsnrMeasurement, Step};
 #[doc(hidden)]
 pub use scene::Content;
 pub use scene::{Features, GpuScene, JoinedScenes, NoLevels, PagesRead, SceneSource, Upload};

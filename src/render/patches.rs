@@ -1,5 +1,7 @@
 //! Patches: squares of a picture that are drawn by themselves, as a sample of it.
 
+use super::band::Band;
+
 /// Width and height of a patch, px: those of the largest bins.
 pub const PATCH_PX: u32 = 64;
 
@@ -47,11 +49,21 @@ impl Patches {
         })
     }
 
-    /// A bit for each cell of a grid, set for the cells in these patches. A patch consists of whole cells.
-    pub(super) fn cells(&self, cell_px: [u32; 2], cells: [u32; 2]) -> Vec<u32> {
+    /// Those of the patches that lie in a band. Patches do not cross the border of a band.
+    pub(super) fn within(&self, band: Band) -> Self {
+        let columns = Self::grid(self.size_px)[0];
+        let rows = band.top / PATCH_PX..(band.top + band.rows).div_ceil(PATCH_PX);
+        let chosen = self.numbers().filter(|patch| rows.contains(&(patch / columns))).collect();
+        Self { size_px: self.size_px, chosen }
+    }
+
+    /// A bit for each cell of a grid over a band, set for the cells in these patches. A patch consists of whole cells,
+    /// and lies in the band.
+    pub(super) fn cells(&self, band: Band, cell_px: [u32; 2], cells: [u32; 2]) -> Vec<u32> {
         assert!(cell_px.iter().all(|side| PATCH_PX.is_multiple_of(*side)), "a patch consists of whole cells");
         let mut bits = vec![0; cells.iter().product::<u32>().div_ceil(32) as usize];
         for [left, top, width, height] in self.rectangles() {
+            let top = top - band.top;
             for row in top / cell_px[1]..(top + height).div_ceil(cell_px[1]) {
                 for column in left / cell_px[0]..(left + width).div_ceil(cell_px[0]) {
                     let cell = row * cells[0] + column;
@@ -76,7 +88,7 @@ mod tests {
         assert_eq!(rectangles, [[0, 0, 64, 64], [128, 64, 64, 64], [192, 128, 8, 2]]);
         for cell_px in [[16, 16], [64, 32], [64, 64]] {
             let cells = [0, 1].map(|axis| size[axis].div_ceil(cell_px[axis]));
-            let bits = patches.cells(cell_px, cells);
+            let bits = patches.cells(Band::whole(size), cell_px, cells);
             for (x, y) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y))) {
                 let cell = y / cell_px[1] * cells[0] + x / cell_px[0];
                 let is_open = bits[cell as usize / 32] >> (cell % 32) & 1 == 1;
@@ -86,5 +98,16 @@ mod tests {
                 assert_eq!(is_open, rectangles.iter().any(inside), "{x}, {y}, {cell_px:?}");
             }
         }
+    }
+
+    #[test]
+    fn the_patches_of_bands_are_all_patches() {
+        let patches = Patches::of([200, 300], vec![1, 4, 9, 15, 19]);
+        let bands = [Band { top: 0, rows: 64 }, Band { top: 64, rows: 128 }, Band { top: 192, rows: 108 }];
+        let within = bands.map(|band| Vec::from_iter(patches.within(band).numbers()));
+        assert_eq!(within, [vec![1], vec![4, 9], vec![15, 19]]);
+        // The second band has rows 64 to 191: two rows of patches with four columns each.
+        let bits = patches.within(bands[1]).cells(bands[1], [64, 64], [4, 2]);
+        assert_eq!(bits, [1 << 0 | 1 << 5]);
     }
 }

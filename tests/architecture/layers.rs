@@ -45,7 +45,7 @@ const RENDER_ROOMS: [(&str, &str); 30] = [
     ("shaders", ""),
     ("readback", ""),
     ("band", "shaders"),
-    ("patches", ""),
+    ("patches", "band"),
     ("pack", "shaders"),
     ("upscale", "shaders"),
     ("capacity", "shaders"),
@@ -72,7 +72,7 @@ const RENDER_ROOMS: [(&str, &str); 30] = [
          recorded",
     ),
     ("self_test", "shaders readback capacity path scene frame fast path_choice"),
-    ("sample", "patches frame scene lod path_choice self_test"),
+    ("sample", "band patches path frame scene pages lod path_choice self_test"),
     (
         "renderer",
         "shaders readback band upscale capacity path scene frame constants inspect lod streaming recorded path_choice \

@@ -373,14 +373,17 @@ fn report(args: &Args, shot: &Shot, outputs: &[&Output], frame: &Frame) -> Resul
         say!("  in {slabs}, {wall_ms:.1} ms in all{pages}")?;
     }
     if let Some(detail) = frame.detail {
-        let LodReport { lod_error, nodes, pages, measured_psnr, standard_error, .. } = detail;
+        let LodReport { lod_error, nodes, pages, measured_psnr, standard_error, patches, .. } = detail;
         let limit = match detail.is_coarsest() {
             true => "there are no coarser ones".to_owned(),
             false => format!("error {lod_error:.3} per node"),
         };
         let measured = match measured_psnr {
             Some(db) => format!(", {} to all Gaussians", decibels(db, standard_error)),
-            None if args.measure_levels.is_some() => ", equal to all Gaussians".to_owned(),
+            None if args.measure_levels.is_some() => match patches {
+                Some([drawn, all]) if drawn < all => format!(", equal to all Gaussians in {drawn} of {all} patches"),
+                _ => ", equal to all Gaussians".to_owned(),
+            },
             None => String::new(),
         };
         say!(

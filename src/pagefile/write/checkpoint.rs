@@ -1,19 +1,22 @@
 //! The state of an interrupted conversion, which is kept beside the output as JSON.
 
+use std::io::Read;
 use std::path::Path;
-use std::time::UNIX_EPOCH;
 
+use anyhow::{Result, anyhow};
 use serde::{Deserialize, Serialize};
+
+use crate::files::{describe, open_regular};
 
 /// The identity of a conversion: its source and its settings. Another run resumes only if it is equal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Work {
     /// The version of this record.
     pub version: u32,
-    /// The name of the source, its length, and the time of its last change since 1970.
+    /// The name of the source, its length, and the BLAKE3 hash of its content.
     pub source: String,
     pub bytes: u64,
-    pub modified_ns: u64,
+    pub hash: String,
     /// All settings on which the output depends.
     pub settings: String,
 }
@@ -33,16 +36,31 @@ pub struct State {
 }
 
 impl Work {
-    /// The work on the current state of a source. `None` if the system does not report its time of change.
+    /// The work on a source, without the hash of its content: [`Work::hashed`]. `None` if the source has no name.
     pub fn on(source: &Path, settings: &impl std::fmt::Debug) -> Option<Self> {
-        let data = source.metadata().ok()?;
-        let modified = data.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
         Some(Self {
-            version: 2,
+            version: 3,
             source: source.canonicalize().ok()?.display().to_string(),
-            bytes: data.len(),
-            modified_ns: u64::try_from(modified.as_nanos()).ok()?,
+            bytes: source.metadata().ok()?.len(),
+            hash: String::new(),
             settings: format!("{settings:?}"),
         })
+    }
+
+    /// The work with the hash of what the source holds now. `check` is called between reads and may end it.
+    ///
+    /// # Errors
+    /// That of `check`; if the source cannot be read.
+    pub fn hashed(self, check: impl Fn() -> Result<()>) -> Result<Self> {
+        let (mut file, mut hasher) = (open_regular(Path::new(&self.source))?, blake3::Hasher::new());
+        let mut buffer = vec![0; 1 << 20];
+        loop {
+            check()?;
+            let read = file.read(&mut buffer).map_err(|error| anyhow!("cannot be read: {}", describe(&error)))?;
+            if read == 0 {
+                return Ok(Self { hash: hasher.finalize().to_hex().to_string(), ..self });
+            }
+            hasher.update(&buffer[..read]);
+        }
     }
 }

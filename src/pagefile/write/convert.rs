@@ -1,7 +1,7 @@
 //! Writes page files from a scene in memory, or from one that is read in blocks.
 
 use std::path::Path;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
@@ -17,6 +17,7 @@ use crate::options::{Options, Storage};
 use crate::packing::{Accumulator, Layout, Statistics};
 use crate::pagefile::{HEADER, Header, LodSections, PADDING, PAGE};
 use crate::scene::{Cancelled, Curve, Gaussians, Scene};
+use crate::threads::{self, joined};
 
 /// The layout of the file, and the limits of the conversion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -221,9 +222,10 @@ pub fn write_blocks(job: &Job, source: &Path, blocks: &Blocks, changes: &str) ->
     ensure!(job.settings.memory >= LEAST_MEMORY, "pages cannot be sorted in {} bytes", job.settings.memory);
     let checkpoint = Checkpoint::beside(job.output, STATE)?;
     let work = Work::on(source, &(&job.settings, &job.title, changes));
-    let (mut state, header) = match work.as_ref().and_then(|work| resumed(job, &checkpoint, work)) {
+    let earlier = work.as_ref().map(|work| resumed(job, &checkpoint, work)).transpose()?.flatten();
+    let (mut state, header) = match earlier {
         Some(found) => found,
-        None => fill_buckets(job, &checkpoint, blocks, work)?,
+        None => begin(job, &checkpoint, blocks, work)?,
     };
     let resumed = state.done;
     let degree = header.statistics.sh_degree;
@@ -264,15 +266,47 @@ fn rest(bucket: usize) -> String {
 }
 
 /// The state of an earlier run on the same source with the same settings.
-fn resumed(job: &Job, checkpoint: &Checkpoint, work: &Work) -> Option<(State, Header)> {
+///
+/// # Errors
+/// If the source cannot be read; [`Cancelled`].
+fn resumed(job: &Job, checkpoint: &Checkpoint, work: &Work) -> Result<Option<(State, Header)>> {
+    let Some((state, header)) = saved(job, checkpoint) else { return Ok(None) };
+    let without_hash = Work { hash: String::new(), ..state.work.clone() };
+    let is_same = without_hash == *work && work.clone().hashed(|| job.check())? == state.work;
+    Ok(is_same.then_some((state, header)))
+}
+
+/// The state of an earlier run, if it is whole.
+fn saved(job: &Job, checkpoint: &Checkpoint) -> Option<(State, Header)> {
     let state: State = serde_json::from_slice(&checkpoint.read(STATE)?).ok()?;
     let header = Header::decoded(checkpoint.read(HEADER_FILE)?.first_chunk::<HEADER>()?).ok()?;
     let has = |name: &str| checkpoint.path(name).is_file();
     let is_whole = has(job.scene_file()) && (state.done == 0 || has(&rest(state.done)));
-    (state.work == *work && is_whole).then_some((state, header))
+    is_whole.then_some((state, header))
 }
 
-fn fill_buckets(job: &Job, checkpoint: &Checkpoint, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {
+/// Fills the buckets while another thread computes the hash of the source.
+fn begin(job: &Job, checkpoint: &Checkpoint, blocks: &Blocks, work: Option<Work>) -> Result<(State, Header)> {
+    let has_failed = AtomicBool::new(false);
+    let go_on = || {
+        ensure!(!has_failed.load(Ordering::Relaxed), "the source is needed no more");
+        Ok(())
+    };
+    threads::scope(|threads| {
+        let hash = || work.context("the source is no regular file")?.hashed(go_on);
+        let hashing = threads.spawn(hash)?;
+        let filled = fill_buckets(job, checkpoint, blocks, || joined(hashing));
+        has_failed.store(filled.is_err(), Ordering::Relaxed);
+        filled
+    })
+}
+
+fn fill_buckets(
+    job: &Job,
+    checkpoint: &Checkpoint,
+    blocks: &Blocks,
+    work: impl FnOnce() -> Result<Work>,
+) -> Result<(State, Header)> {
     checkpoint.clear()?;
     let (scene, statistics, sample) = statistics_passes(job, blocks, 3.0)?;
     let (count, degree) = (statistics.count, statistics.sh_degree);
@@ -293,8 +327,7 @@ fn fill_buckets(job: &Job, checkpoint: &Checkpoint, blocks: &Blocks, work: Optio
     let file = checkpoint.file(job.scene_file())?;
     let header = Output::new(&file, (&header.layout, header.alpha_min), header.pages()).with_offsets(header.clone());
     let buckets = filling.finish()?;
-    let Some(work) = work else { bail!("the source is no regular file") };
-    let state = State { work, buckets, done: 0, written: 0, notices: scene.notices.clone() };
+    let state = State { work: work()?, buckets, done: 0, written: 0, notices: scene.notices.clone() };
     checkpoint.save(HEADER_FILE, &header.encoded())?;
     checkpoint.save(STATE, &serde_json::to_vec(&state)?)?;
     Ok((state, header))

@@ -29,11 +29,11 @@ pub struct LodReport {
     /// The PSNR if the measured errors of these nodes were independent and none were hidden, dB; null without errors.
     /// No bound, and far below the PSNR of most pictures (docs/levels.md).
     pub predicted_psnr: Option<f64>,
-    /// The PSNR of the picture against that of all Gaussians, dB; null if it was not measured, or both are equal.
+    /// The PSNR of the picture against that of all Gaussians, dB; null if it was not measured, or no pixel differs.
     pub measured_psnr: Option<f64>,
     /// The standard error of `measured_psnr` if that is estimated from patches of the picture, dB; otherwise null.
     pub standard_error: Option<f64>,
-    /// The number of patches of the estimate, and of all in the picture; otherwise null.
+    /// The number of patches of the estimate, and of all that pages touch; otherwise null.
     pub patches: Option<[u32; 2]>,
 }
 
@@ -44,7 +44,7 @@ pub struct SampledPsnr {
     pub mse: f64,
     /// The standard error of `mse`; 0 if the sample is the whole picture.
     pub standard_error: f64,
-    /// The number of patches that were drawn, and of all in the picture.
+    /// The number of patches that were drawn, and of all that pages touch: others show the background alone.
     pub patches: [u32; 2],
 }
 
@@ -56,8 +56,9 @@ impl SampledPsnr {
 
     /// By how many dB the PSNR exceeds a wanted one, with one standard error to spare.
     pub fn surplus(&self, wanted: f64) -> f64 {
+        let error = self.mse + self.standard_error;
         // An error that no picture shows counts as one below the resolution of floats.
-        -10.0 * (self.mse + self.standard_error).max(1e-18).log10() - wanted
+        if error.is_finite() { -10.0 * error.max(1e-18).log10() - wanted } else { f64::NEG_INFINITY }
     }
 
     /// The standard error of the PSNR in dB, to first order in that of `mse`.

@@ -15,6 +15,9 @@ use crate::render::path::{Limits, Path};
 use crate::render::shaders::{SelectionState, Totals};
 use crate::render::slabs::{FastSlabs, SlabbedFrame};
 
+/// The most splats in a slab of patches, for which memory is made.
+const SAMPLED_SPLATS: usize = 1 << 20;
+
 /// The fast path and its buffers.
 pub(super) struct FastEngine {
     pub pipeline: FastPipeline,
@@ -120,7 +123,8 @@ impl FastEngine {
             Some(slabs) => slabs,
             none => none.insert(FastSlabs::new(device, &self.pipeline, scene)?),
         };
-        slabs.fit(device, &mut self.work, &self.pipeline, grid, scene.placed_len())
+        let most = if shot.patches.is_some() { SAMPLED_SPLATS } else { usize::MAX };
+        slabs.fit(device, &mut self.work, &self.pipeline, grid, scene.placed_len().min(most))
     }
 
     /// Draws a frame in slabs whose buffers [`fit_slabs`](Self::fit_slabs) made, and waits for it.

@@ -6,11 +6,8 @@ use super::Renderer;
 use crate::camera::Camera;
 use crate::options::Options;
 use crate::render::lod::SampledPsnr;
-use crate::render::sample::{LevelSampler, PsnrMeasurement};
+use crate::render::sample::{FIRST_LIMIT, LevelSampler, PATCHES, PsnrMeasurement};
 use crate::rules::Background;
-
-/// The number of patches on which a PSNR is measured.
-const PATCHES: u32 = 64;
 
 /// The most error limits that are kept.
 const MOST_SEARCHED: usize = 1024;
@@ -39,16 +36,19 @@ impl Renderer {
         self.choice.options.splats = splats.map_or(own, |most| if own > 0 { own.min(most) } else { most });
     }
 
-    /// The PSNR that frames which do not wait for pages are to keep, dB; `None` without one.
+    /// The PSNR that frames which follow a prediction are to keep, dB; `None` without one, or if a splat budget
+    /// decides.
     #[doc(hidden)]
     pub fn wanted_psnr(&self) -> Option<f64> {
-        (self.options.lod_psnr > 0.0 && self.choice.streamer.is_some()).then_some(self.options.lod_psnr.into())
+        let wanted = self.options.lod_psnr;
+        (wanted > 0.0 && self.follows_prediction && self.choice.options.splats == 0).then_some(wanted.into())
     }
 
-    /// The error limit of the last frame that did not wait for pages, as that of the options.
+    /// The error limit of the last frame, as that of the options; a usual one if it is not known.
     #[doc(hidden)]
     pub fn error_limit(&self) -> f64 {
-        self.choice.last_limit.into()
+        let known = [self.choice.options.lod_error, self.choice.last_limit];
+        known.into_iter().find(|limit| *limit > 0.0).map_or(FIRST_LIMIT, f64::from)
     }
 
     /// Keeps this error limit from now on, in place of the one that follows from the predicted PSNR.
@@ -58,10 +58,10 @@ impl Renderer {
     }
 
     /// Sets the error limit of the next frame to the largest that keeps the PSNR of the options, and returns the
-    /// estimate. The options of frames that do not wait for pages have a predicted PSNR instead.
+    /// estimate. Frames that follow a prediction have none.
     pub(super) fn keep_psnr(&mut self, camera: &Camera, background: Background) -> Result<Option<SampledPsnr>> {
         let wanted = self.options.lod_psnr;
-        if wanted == 0.0 || self.is_finest || !self.scene.has_lod() || self.choice.streamer.is_some() {
+        if wanted == 0.0 || self.is_finest || !self.scene.has_lod() || self.follows_prediction {
             return Ok(None);
         }
         let is_known = |known: &&Searched| known.camera == *camera && known.background == background;
@@ -69,6 +69,7 @@ impl Renderer {
             Some(known) => (known.limit, known.psnr),
             None => {
                 let found = self.sampler()?.search(camera, background, wanted.into(), PATCHES)?;
+                self.spare_memory()?;
                 let (limit, psnr) = found;
                 if self.searched.len() == MOST_SEARCHED {
                     self.searched.clear();
@@ -89,13 +90,17 @@ impl Renderer {
     /// If memory runs out, or a page cannot be read.
     pub fn sample_psnr(&mut self, camera: &Camera, background: Background, patches: u32) -> Result<SampledPsnr> {
         let mut measurement = self.begin_measurement(camera, background, patches)?;
-        Ok(self.go_on_measuring(&mut measurement, usize::MAX)?.expect("all strata were drawn"))
+        let sampled = self.go_on_measuring(&mut measurement, usize::MAX)?;
+        self.spare_memory()?;
+        Ok(sampled.expect("all strata were drawn"))
     }
 
     /// True if pictures are drawn by levels of detail whose error can be measured without evicting their pages.
     #[doc(hidden)]
     pub fn measures_levels(&self) -> bool {
-        self.options.wants_levels() && self.scene.paged().is_some_and(|paged| paged.cache().fits_all())
+        let Options { lod_error, lod_psnr, splats, .. } = self.options;
+        let is_simplified = lod_error > f32::MIN_POSITIVE || lod_psnr > 0.0 || splats > 0;
+        is_simplified && self.scene.paged().is_some_and(|paged| paged.cache().fits_all())
     }
 
     /// Begins what [`Renderer::sample_psnr`] does at once.
@@ -109,8 +114,9 @@ impl Renderer {
         background: Background,
         patches: u32,
     ) -> Result<PsnrMeasurement> {
+        self.refused(camera, None).map_or(Ok(()), Err)?;
         self.keep_psnr(camera, background)?;
-        Ok(PsnrMeasurement::new(&self.choice.options, camera, background, patches))
+        Ok(PsnrMeasurement::new(&self.scene, &self.choice.options, (camera, background), patches))
     }
 
     /// True if a measurement is one of this picture, by the present levels.
@@ -127,6 +133,14 @@ impl Renderer {
     #[doc(hidden)]
     pub fn go_on_measuring(&mut self, measurement: &mut PsnrMeasurement, strata: usize) -> Result<Option<SampledPsnr>> {
         self.sampler()?.go_on(measurement, strata)
+    }
+
+    /// Frees the lists of patches where memory is limited: the lists of pictures take it.
+    fn spare_memory(&mut self) -> Result<()> {
+        match &mut self.sampler {
+            Some(sampler) if self.device.memory().user_limit.is_some() => sampler.release(),
+            _ => Ok(()),
+        }
     }
 
     fn sampler(&mut self) -> Result<&mut LevelSampler> {

@@ -61,6 +61,8 @@ pub struct Renderer {
     band: Option<Band>,
     /// True while pictures are drawn with all Gaussians.
     is_finest: bool,
+    /// The levels of frames follow a predicted PSNR, since they do not wait for pages or measurements.
+    follows_prediction: bool,
     sampler: Option<LevelSampler>,
     /// The error limits that were searched: pictures may be repeated.
     searched: Vec<Searched>,
@@ -144,6 +146,7 @@ impl Renderer {
             needs_tile_lists: false,
             band: None,
             is_finest: false,
+            follows_prediction: false,
             sampler: None,
             searched: Vec::new(),
             last: None,
@@ -197,6 +200,7 @@ impl Renderer {
     /// # Errors
     /// If the coarsest pages cannot be read.
     pub fn enable_page_streaming(&mut self) -> Result<()> {
+        self.follows_prediction = true;
         self.choice.enable_page_streaming(&self.device, &self.scene)
     }
 
@@ -384,6 +388,7 @@ impl Renderer {
             Err(error) if error.is::<OutOfMemory>() => {
                 // Images precede lists, which slabs can divide.
                 self.choice.release(&self.device)?;
+                self.sampler = None;
                 self.fit_images(camera.size_px, band)?;
             }
             other => other?,

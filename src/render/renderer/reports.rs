@@ -6,6 +6,7 @@ use crate::gpu::{MemoryUse, Results};
 use crate::render::frame::Shot;
 use crate::render::lod::LodReport;
 use crate::render::recorded::Recorded;
+use crate::render::sample::LevelSampler;
 use crate::render::shaders::Totals;
 use crate::render::streaming::{PageStreamer, Residency};
 
@@ -58,6 +59,7 @@ impl Renderer {
     pub fn buffers(&self) -> Vec<(&str, u64)> {
         let mut buffers = self.choice.buffers();
         buffers.push(("image", self.image.bytes()));
+        buffers.extend(self.sampler.iter().flat_map(LevelSampler::buffers));
         buffers.extend(self.certificate.iter().map(|certificate| ("certificate", certificate.bytes())));
         buffers.extend(self.upscaler.iter().map(|upscaler| ("drawn image", upscaler.drawn.bytes())));
         buffers

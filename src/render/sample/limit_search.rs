@@ -5,6 +5,9 @@ use crate::render::lod::SampledPsnr;
 /// The lowest and highest error limit of a search, as those of [`Options::lod_error`](crate::options::Options).
 const LIMITS: [f64; 2] = [1e-3, 1e6];
 
+/// The limit with which a search begins where none is known: few see what it leaves out.
+pub const FIRST_LIMIT: f64 = 8.0;
+
 /// The interval of limits in which a search ends, as the ratio of its ends.
 const RESOLUTION: f64 = 1.03;
 

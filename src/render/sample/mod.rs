@@ -2,12 +2,17 @@
 //!
 //! - `estimate` - which patches are drawn, and the estimate of the error of the whole picture
 //! - `limit_search` - [`LimitSearch`]: the largest error limit that keeps a PSNR
+//! - `touched` - the patches that may show anything
 //! - `sampler` - [`LevelSampler`]: draws the patches
 
 mod estimate;
 mod limit_search;
 mod sampler;
+mod touched;
 
-pub use limit_search::{LimitSearch, Step};
+pub use limit_search::{FIRST_LIMIT, LimitSearch, Step};
 pub(crate) use sampler::LevelSampler;
 pub use sampler::PsnrMeasurement;
+
+/// The number of patches on which a PSNR is measured if none is given.
+pub const PATCHES: u32 = 64;

@@ -1,15 +1,18 @@
 //! Draws the patches of a sample with all Gaussians and by levels of detail.
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 
 use super::estimate::Sample;
-use super::limit_search::{LimitSearch, Step};
+use super::limit_search::{FIRST_LIMIT, LimitSearch, Step};
+use super::touched::touched_patches;
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Image};
 use crate::options::Options;
+use crate::render::band::{BAND_ROWS, Band};
 use crate::render::frame::{Shot, Target, Variation};
 use crate::render::lod::SampledPsnr;
 use crate::render::patches::Patches;
+use crate::render::path::Path;
 use crate::render::path_choice::PathChoice;
 use crate::render::scene::GpuScene;
 use crate::render::self_test::choose;
@@ -39,8 +42,9 @@ pub struct PsnrMeasurement {
 
 impl PsnrMeasurement {
     /// A measurement of a picture by these options on about this number of patches.
-    pub fn new(levels: &Options, camera: &Camera, background: Background, patches: u32) -> Self {
-        let sample = Sample::of(&drawn_camera(levels, camera), patches);
+    pub fn new(scene: &GpuScene, levels: &Options, (camera, background): (&Camera, Background), patches: u32) -> Self {
+        let drawn = drawn_camera(levels, camera);
+        let sample = Sample::of(&drawn, &touched_patches(scene, &drawn, levels), patches);
         Self { levels: *levels, camera: camera.clone(), background, sample, errors: Vec::new() }
     }
 }
@@ -50,8 +54,11 @@ fn drawn_camera(options: &Options, camera: &Camera) -> Camera {
     camera.sampled(options.drawn_size(camera.size_px))
 }
 
-/// The limit with which a search begins, a picture that nearly all scenes show well.
-const FIRST_LIMIT: f64 = 8.0;
+/// The largest standard error of a PSNR that a search accepts if more patches can be drawn, dB.
+const MOST_ERROR_DB: f64 = 1.0;
+
+/// Pixels of the image into which patches are drawn at a time. Larger pictures are drawn in bands.
+const MOST_PIXELS: u32 = 4 << 20;
 
 impl LevelSampler {
     /// # Errors
@@ -75,6 +82,7 @@ impl LevelSampler {
         let PsnrMeasurement { levels, camera, background, sample, errors } = measurement;
         let camera = drawn_camera(&self.options, camera);
         let (view, all) = ((&camera, *background), sample.strata());
+        assert!(errors.len() < all || all == 0, "a measurement ends with its last stratum");
         let next = errors.len()..errors.len().saturating_add(strata).min(all);
         let patches = sample.patches(next.clone());
         let exact = self.pixels(view, &patches, self.options.finest())?;
@@ -84,7 +92,8 @@ impl LevelSampler {
     }
 
     /// The largest error limit with which the estimate is at least `psnr` dB by one standard error, and that estimate.
-    /// The limit is that of [`Options::lod_error`]; pictures that no limit suits are drawn with all Gaussians.
+    /// The limit is that of [`Options::lod_error`]; pictures that no limit suits are drawn with all Gaussians. The
+    /// estimate is from about `patches` patches, and from more where its standard error is large.
     ///
     /// # Errors
     /// As [`LevelSampler::go_on`].
@@ -93,23 +102,42 @@ impl LevelSampler {
         camera: &Camera,
         background: Background,
         psnr: f64,
-        patches: u32,
+        mut patches: u32,
     ) -> Result<(f32, SampledPsnr)> {
         let camera = drawn_camera(&self.options, camera);
-        let (view, sample) = ((&camera, background), Sample::of(&camera, patches));
+        let touched = touched_patches(&self.scene, &camera, &self.options);
+        let mut first = FIRST_LIMIT;
+        loop {
+            let sample = Sample::of(&camera, &touched, patches);
+            let (limit, found) = self.search_on(&sample, (&camera, background), LimitSearch::new(psnr, first))?;
+            let [drawn, all] = found.patches;
+            // A few patches then hold most of the error, and others like them may have been missed.
+            if drawn == all || found.standard_error_db() <= MOST_ERROR_DB {
+                return Ok((limit as f32, found));
+            }
+            (first, patches) = (limit, patches.saturating_mul(4));
+        }
+    }
+
+    /// The result of a search on one sample.
+    fn search_on(
+        &mut self,
+        sample: &Sample,
+        view: (&Camera, Background),
+        mut search: LimitSearch,
+    ) -> Result<(f64, SampledPsnr)> {
         let all = 0..sample.strata();
         let patches = sample.patches(all.clone());
         let finest = self.options.finest();
         let exact = self.pixels(view, &patches, finest)?;
         let estimate = |shown: &[[f32; 4]]| sample.estimate(&sample.errors(all.clone(), shown, &exact));
-        let mut search = LimitSearch::new(psnr, FIRST_LIMIT);
         loop {
             let lod_error = search.limit() as f32;
             let levels = Options { lod_error, lod_psnr: 0.0, splats: 0, ..self.options };
             match search.step(estimate(&self.pixels(view, &patches, levels)?)) {
                 Step::Try(_) => {}
-                Step::Found(limit, found) => return Ok((limit as f32, found)),
-                Step::AllGaussians => return Ok((finest.lod_error, estimate(&exact))),
+                Step::Found(limit, found) => return Ok((limit, found)),
+                Step::AllGaussians => return Ok((finest.lod_error.into(), estimate(&exact))),
             }
         }
     }
@@ -123,13 +151,41 @@ impl LevelSampler {
     ) -> Result<Vec<[f32; 4]>> {
         let Self { device, scene, choice, image, .. } = self;
         choice.options = levels;
-        image.fit(device, "patches", camera.size_px)?;
-        let shot = Shot { patches: Some(patches), ..Shot::new(scene, camera) };
-        let limits = choice.prepare(device, shot, false, None)?;
-        choice.draw_slabs(device, limits.path, shot, Target { image, certificate: None, background }, None)?;
-        let mut cmd = Commands::new(device)?;
-        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
-        let pixels = cmd.read_rectangles(image, &Vec::from_iter(patches.rectangles()))?;
-        Ok(cmd.submit()?.wait()?.view(&pixels).to_vec())
+        let [width, height] = camera.size_px;
+        let rows = (MOST_PIXELS / width / BAND_ROWS).max(1) * BAND_ROWS;
+        let mut all = Vec::new();
+        for band in Band::between(&Vec::from_iter((rows..height).step_by(rows as usize)), height) {
+            let patches = patches.within(band);
+            if patches.numbers().next().is_none() {
+                continue;
+            }
+            image.fit(device, "patches", band.size(camera.size_px))?;
+            let shot = Shot { band, patches: Some(&patches), ..Shot::new(scene, camera) };
+            let limits = choice.prepare(device, shot, false, None)?;
+            ensure!(
+                limits.path == Path::Fast || !scene.is_placed(),
+                "only the fast path draws scenes at places, and this device or these options do not take it"
+            );
+            choice.draw_slabs(device, limits.path, shot, Target { image, certificate: None, background }, None)?;
+            let mut cmd = Commands::new(device)?;
+            cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+            let in_band = patches.rectangles().map(|[left, top, width, height]| [left, top - band.top, width, height]);
+            let pixels = cmd.read_rectangles(image, &Vec::from_iter(in_band))?;
+            all.extend_from_slice(cmd.submit()?.wait()?.view(&pixels));
+        }
+        Ok(all)
+    }
+
+    /// Frees the buffers of the lists.
+    ///
+    /// # Errors
+    /// If the device is lost.
+    pub fn release(&mut self) -> Result<()> {
+        self.choice.release(&self.device)
+    }
+
+    /// Every buffer's name and bytes.
+    pub fn buffers(&self) -> Vec<(&str, u64)> {
+        self.choice.buffers().into_iter().chain([("patches", self.image.bytes())]).collect()
     }
 }

@@ -7,10 +7,8 @@ use anyhow::Result;
 use super::session::Session;
 use crate::gpu::DeviceLost;
 use crate::host_memory::OutOfMemory;
+use crate::render::PATCHES;
 use crate::viewer::model::{Event, LevelError};
-
-/// The number of patches that are drawn with all Gaussians.
-const PATCHES: u32 = 64;
 
 /// The strata of one step. A step of one takes about as long.
 const STRATA: usize = 4;
@@ -23,7 +21,9 @@ impl Session {
     /// are shown.
     pub(crate) fn is_to_be_measured(&self) -> bool {
         let (Some(first), Some(camera)) = (&self.pair.first, &self.viewer.pictures.view) else { return false };
-        let rests = !self.viewer.pictures.are_stale && !self.viewer.is_moving();
+        // With a frame rate, the number of nodes changes after the picture.
+        let keeps_rate = self.viewer.timing.rate.is_some();
+        let rests = !self.viewer.pictures.are_stale && !self.viewer.is_moving() && !keeps_rate;
         rests && first.has_measurable_levels() && !first.is_measured(camera, self.viewer.view.background)
     }
 
@@ -36,8 +36,11 @@ impl Session {
         let background = viewer.view.background;
         let (Some(first), Some(camera)) = (&mut self.pair.first, &viewer.pictures.view) else { return Ok(()) };
         let is_of_picture = |measurement| first.renderer.is_measured_by(measurement, camera, background);
-        if !first.level_error.measurement().is_some_and(is_of_picture) {
-            first.begin_measurement(camera, background, PATCHES)?;
+        if !first.level_error.measurement().is_some_and(is_of_picture)
+            && first.begin_measurement(camera, background, PATCHES)?
+        {
+            viewer.pictures.are_stale = true;
+            return Ok(());
         }
         let (started, mut shows_another) = (Instant::now(), false);
         while let LevelError::Running(measurement) = &mut first.level_error

@@ -34,7 +34,7 @@ impl LevelError {
         let Self::Ended(_, Some(found)) = self else { return None };
         Some(match found.psnr() {
             db if db.is_finite() => format!("{db:.1} dB +- {:.1}", found.standard_error_db()),
-            _ => "no difference".to_owned(),
+            _ => format!("no difference in {} of {} patches", found.patches[0], found.patches[1]),
         })
     }
 }

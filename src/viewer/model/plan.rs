@@ -15,8 +15,8 @@ use crate::options::Options;
 use crate::packing::{Layout, Statistics};
 use crate::pagefile::PagedScene;
 use crate::render::{
-    Content, Frame, GpuScene, Inspection, JoinedScenes, LimitSearch, Marker, Path, PsnrMeasurement, Renderer,
-    Residency, SampledPsnr, SceneSource, Step, Upload,
+    Content, Frame, GpuScene, Inspection, JoinedScenes, LimitSearch, Marker, Path, Renderer, Residency, SampledPsnr,
+    SceneSource, Step, Upload,
 };
 use crate::rules::Background;
 use crate::scene::{Gaussians, Transform};
@@ -62,6 +62,8 @@ pub struct Drawn {
     pub level_error: LevelError,
     /// The search of the error limit that keeps a PSNR in this view.
     search: Option<LimitSearch>,
+    /// The view of the last search.
+    searched: Option<(Camera, Background)>,
 }
 
 /// The marks of a scene on the device.
@@ -236,6 +238,7 @@ impl Plan {
             inspection,
             level_error: LevelError::default(),
             search: None,
+            searched: None,
         })
     }
 
@@ -436,19 +439,24 @@ impl Drawn {
         self.has_measurable_levels() && self.renderer.is_measured_by(measurement, camera, background)
     }
 
-    /// Begins to measure the error of the levels of a picture.
+    /// Begins to measure the error of the levels of a picture. True if the levels changed instead: a search begins.
     ///
     /// # Errors
-    /// If memory runs out, or a page cannot be read.
-    pub fn begin_measurement(&mut self, camera: &Camera, background: Background, patches: u32) -> Result<()> {
-        let is_same_view = |before: &PsnrMeasurement| before.camera == *camera && before.background == background;
-        if !self.level_error.measurement().is_some_and(is_same_view) {
-            let search = |wanted| LimitSearch::new(wanted, self.renderer.error_limit());
-            self.search = self.renderer.wanted_psnr().map(search);
+    /// If the camera sees no levels.
+    pub fn begin_measurement(&mut self, camera: &Camera, background: Background, patches: u32) -> Result<bool> {
+        let view = (camera.clone(), background);
+        if self.searched.as_ref() != Some(&view) {
+            self.searched = Some(view);
+            let limit = self.renderer.error_limit();
+            self.search = self.renderer.wanted_psnr().map(|wanted| LimitSearch::new(wanted, limit));
+            if let Some(search) = &self.search {
+                self.renderer.set_error_limit(search.limit());
+                return Ok(true);
+            }
         }
         let measurement = self.renderer.begin_measurement(camera, background, patches)?;
         self.level_error = LevelError::Running(Box::new(measurement));
-        Ok(())
+        Ok(false)
     }
 
     /// Ends a measurement. True if the levels change, so that the wanted PSNR is kept.

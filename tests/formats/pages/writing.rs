@@ -88,11 +88,16 @@ fn an_interrupted_conversion_goes_on_where_it_was() {
     let finished = interrupted(&out, &source, &blocks, usize::MAX).unwrap();
     assert_eq!(finished.resumed, 3, "of {}", finished.buckets);
     assert!(fs::read(&whole).unwrap() == fs::read(&out).unwrap());
-    // Another source begins anew, and so does one that was interrupted before all were in buckets.
-    for (questions, source_text) in [(8 + 3, "as of another time"), (6, "as of another time")] {
+    // Another source begins anew, also one of the same length and time, and so does one that was interrupted before
+    // all were in buckets. The same content at another time is the same source.
+    let cases = [(8 + 3, "as of another time", 0), (8 + 3, "AS OF ANOTHER TIME", 0), (8 + 3, "AS OF ANOTHER TIME", 3)];
+    for (questions, text, resumed) in cases.into_iter().chain([(6, "AS OF ANOTHER TIME", 0)]) {
         interrupted(&out, &source, &blocks, questions).err().unwrap();
-        fs::write(&source, source_text).unwrap();
-        assert_eq!(interrupted(&out, &source, &blocks, usize::MAX).unwrap().resumed, 0);
+        let modified = fs::metadata(&source).unwrap().modified().unwrap();
+        fs::write(&source, text).unwrap();
+        let time = if resumed == 0 { modified } else { modified + std::time::Duration::from_secs(9) };
+        fs::File::options().write(true).open(&source).unwrap().set_modified(time).unwrap();
+        assert_eq!(interrupted(&out, &source, &blocks, usize::MAX).unwrap().resumed, resumed);
         assert!(fs::read(&whole).unwrap() == fs::read(&out).unwrap());
     }
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left");
