@@ -262,7 +262,7 @@ pub static KNOBS: [Knob; 17] = [
         name: "lod-psnr",
         value_name: "DB",
         help: "Draw the fewest Gaussians that keep a PSNR of DB\n\nThe PSNR to the picture of all \
-               Gaussians is estimated from 64 patches of 64x64 pixels, and kept with one standard error to spare. \
+               Gaussians is estimated from 64 or more patches of 64x64 pixels, and kept with one standard error to spare. \
                `view` keeps it at rest. \
                In place of --lod-error, for a file made by `smalto lod` [default: 0, no limit].",
         group: Group::Accuracy,

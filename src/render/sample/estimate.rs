@@ -1,9 +1,9 @@
 //! A stratified sample of patches, and the estimate of the squared error of a picture from it.
 //!
 //! The patches that pages touch are cut into strata along a Morton curve, with about as many pages in each, so that a
-//! stratum is a connected part of the picture, and two patches of each stratum are drawn without replacement. The sum over the
-//! picture and its variance follow for a stratum of M patches with the values x and y (Cochran, Sampling Techniques,
-//! 1977, 5.3):
+//! stratum is a connected part of the picture, and two patches of each stratum are drawn without replacement. The sum
+//! over the picture and its variance follow for a stratum of M patches with the values x and y (Cochran, Sampling
+//! Techniques, 1977, 5.3):
 //!
 //! > sum = M (x+y)/2, variance = M^2 (1 - 2/M) (x-y)^2 / 4.
 
