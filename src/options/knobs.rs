@@ -261,10 +261,9 @@ pub static KNOBS: [Knob; 17] = [
     Knob {
         name: "lod-psnr",
         value_name: "DB",
-        help: "Draw the fewest Gaussians that keep a PSNR of DB\n\nThe PSNR to the picture of all \
-               Gaussians is estimated from 64 or more patches of 64x64 pixels, and kept with one standard error to spare. \
-               `view` keeps it at rest. \
-               In place of --lod-error, for a file made by `smalto lod` [default: 0, no limit].",
+        help: "Draw the fewest Gaussians that keep a PSNR of DB\n\nThe PSNR to the picture of all Gaussians is \
+               estimated from 64 or more patches of 64x64 pixels, and kept with one standard error to spare. `view` \
+               keeps it at rest. In place of --lod-error, for a file made by `smalto lod` [default: 0, no limit].",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 100.0], usual: [0.0, 60.0], is_fraction: false },
         steps: &[Value::Number(0.0)],
