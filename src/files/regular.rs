@@ -79,6 +79,24 @@ pub fn open_regular(path: &Path) -> Result<File> {
     File::open(path).map_err(cannot)
 }
 
+/// The length of a file and the BLAKE3 hash of its content, as text. `check` is called between reads and may end it.
+///
+/// # Errors
+/// That of `check`; a clause without the file's name if it cannot be read.
+pub fn hash_of(path: &Path, check: impl Fn() -> Result<()>) -> Result<(u64, String)> {
+    let (mut file, mut hasher) = (open_regular(path)?, blake3::Hasher::new());
+    let mut buffer = vec![0; 1 << 20];
+    loop {
+        check()?;
+        match file.read(&mut buffer) {
+            Ok(0) => return Ok((hasher.count(), hasher.finalize().to_hex().to_string())),
+            Ok(read) => _ = hasher.update(&buffer[..read]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => bail!("cannot be read: {}", describe(&error)),
+        }
+    }
+}
+
 /// Reads bytes at a position. Any number of threads may read from a file at the same time.
 ///
 /// # Errors

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::outputs::Output;
 use super::settings::Settings;
 use super::shard::Shard;
-use crate::files::{describe, open_regular, read_own};
+use crate::files::{describe, hash_of, read_own};
 use crate::scene::Unreadable;
 
 /// How the names of records begin and end. They are hidden from programs that read all pictures of a folder.
@@ -104,9 +104,8 @@ impl Content {
     /// # Errors
     /// A clause without the file's name if it cannot be read.
     pub fn of(path: &Path) -> Result<Self> {
-        let (mut file, mut hasher) = (open_regular(path)?, blake3::Hasher::new());
-        hasher.update_reader(&mut file).map_err(|error| anyhow!("cannot be read: {}", describe(&error)))?;
-        Ok(Self { bytes: hasher.count(), hash: hasher.finalize().to_hex().to_string() })
+        let (bytes, hash) = hash_of(path, || Ok(()))?;
+        Ok(Self { bytes, hash })
     }
 }
 

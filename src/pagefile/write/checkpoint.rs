@@ -1,12 +1,11 @@
 //! The state of an interrupted conversion, which is kept beside the output as JSON.
 
-use std::io::Read;
 use std::path::Path;
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use serde::{Deserialize, Serialize};
 
-use crate::files::{describe, open_regular};
+use crate::files::hash_of;
 
 /// The identity of a conversion: its source and its settings. Another run resumes only if it is equal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,15 +51,7 @@ impl Work {
     /// # Errors
     /// That of `check`; if the source cannot be read.
     pub fn hashed(self, check: impl Fn() -> Result<()>) -> Result<Self> {
-        let (mut file, mut hasher) = (open_regular(Path::new(&self.source))?, blake3::Hasher::new());
-        let mut buffer = vec![0; 1 << 20];
-        loop {
-            check()?;
-            let read = file.read(&mut buffer).map_err(|error| anyhow!("cannot be read: {}", describe(&error)))?;
-            if read == 0 {
-                return Ok(Self { hash: hasher.finalize().to_hex().to_string(), ..self });
-            }
-            hasher.update(&buffer[..read]);
-        }
+        let (_, hash) = hash_of(Path::new(&self.source), check)?;
+        Ok(Self { hash, ..self })
     }
 }

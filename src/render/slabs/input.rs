@@ -90,7 +90,6 @@ impl<'a> SlabInput<'a> {
         let mut visible: Vec<_> = selection.pages.par_iter().with_min_len(1024).filter_map(seen).collect();
         visible.par_sort_unstable_by_key(|page| (page.keys[0], page.view, page.page));
         let open = OpenBinTable::of(&shot.open_cells(grid.cell_px, grid.cells), grid.cells);
-        visible.retain(|page| open.touches(page));
         let marks = vec![NONE; pages.len()];
         Self::Paged(Box::new(PagedInput { cache, visible, open, estimated_open: 0, bins: grid.cells, marks }))
     }
