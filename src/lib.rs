@@ -77,6 +77,9 @@ pub mod reference;
 pub mod render;
 pub mod rules;
 pub mod scene;
+#[cfg(feature = "serve")]
+#[doc(hidden)]
+pub mod serve;
 #[doc(hidden)]
 pub mod threads;
 #[cfg(feature = "viewer")]

@@ -4,6 +4,7 @@
 //!
 //! - `render` - `smalto render`: pictures of a scene, drawn to files
 //! - `view`, `no_view` - `smalto view`: the window; and its error in a program without the viewer
+//! - `serve`, `no_serve` - `smalto serve`: the viewer in browsers; and its error in a program without it
 //! - `info` - `smalto info`: the description of a scene
 //! - `convert` - `smalto convert` and `smalto lod`: scenes written to other files, and levels of detail
 //! - `prune` - `smalto prune`: a scene without the Gaussians that contribute least
@@ -66,6 +67,8 @@ mod renamed;
 mod render;
 mod scenes;
 mod schemas;
+#[cfg_attr(not(feature = "serve"), path = "no_serve.rs")]
+mod serve;
 mod sink;
 mod table;
 mod trade;
@@ -124,6 +127,7 @@ struct Cli {
 enum Command {
     Render(Box<render::Args>),
     View(Box<view::Args>),
+    Serve(Box<serve::Args>),
     Info(info::Args),
     Convert(convert::Args),
     Lod(convert::lod::Args),
@@ -141,7 +145,7 @@ enum Command {
 impl Command {
     fn opens_devices(&self) -> bool {
         use Command::*;
-        matches!(self, Render(_) | View(_) | Prune(_) | Bench(_) | Trade(_) | Doctor(_))
+        matches!(self, Render(_) | View(_) | Serve(_) | Prune(_) | Bench(_) | Trade(_) | Doctor(_))
     }
 }
 
@@ -222,6 +226,7 @@ fn run_with(
         match parsed.cli.command {
             Command::Render(args) => render::run(&args),
             Command::View(args) => view::run(&args),
+            Command::Serve(args) => serve::run(&args),
             Command::Info(args) => info::run(&args),
             Command::Convert(args) => convert::run(&args),
             Command::Lod(args) => convert::lod::run(&args),

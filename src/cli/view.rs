@@ -171,7 +171,7 @@ pub(super) struct Args {
 const WINDOW: &str = "Window";
 
 /// The fading of levels of detail where it is not given, powers of two of an error.
-const FADE: f32 = 0.5;
+pub(super) const FADE: f32 = 0.5;
 
 fn compare_modes() -> impl TypedValueParser<Value = CompareMode> {
     let values = [
@@ -273,7 +273,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 /// A background that a window can have.
-fn opaque(text: &str) -> Result<Background> {
+pub(super) fn opaque(text: &str) -> Result<Background> {
     match parse_background(text)? {
         Background::Transparent => bail!("a window has a colour behind its scenes"),
         colour => Ok(colour),

@@ -18,7 +18,7 @@ pub use compression::Compression;
 pub use plane::{Depths, Plane};
 pub use read::{Channels, Picture};
 pub(crate) use video::{VIDEO_KINDS, Video, has_ffmpeg, is_video, plain_for_ffmpeg, video_padding};
-pub use write::{Alpha, FileKind, Integers, write_rgba8};
+pub use write::{Alpha, FileKind, Integers, png_of_rgb8, write_rgba8};
 
 /// An image of four floats per pixel, row by row from the top left: colour over the background as displayed (no
 /// transfer function is applied, as in the original 3DGS), and coverage 1 - T. Without a background, colour is

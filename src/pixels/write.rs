@@ -162,15 +162,11 @@ impl Pixels {
     /// # Errors
     /// If PNG cannot hold pictures of this size.
     pub fn to_png(&self, alpha: Alpha) -> Result<Vec<u8>> {
-        let mut file = Vec::new();
-        match alpha {
-            Alpha::Opaque => {
-                png::write(&mut file, self.size, &[&self.to_rgb8()], ExtendedColorType::Rgb8, Compression::Fast)?
-            }
-            Alpha::Transparent => {
-                png::write(&mut file, self.size, &[&self.to_rgba8()], ExtendedColorType::Rgba8, Compression::Fast)?
-            }
+        if alpha == Alpha::Opaque {
+            return png_of_rgb8(self.size, &self.to_rgb8());
         }
+        let mut file = Vec::new();
+        png::write(&mut file, self.size, &[&self.to_rgba8()], ExtendedColorType::Rgba8, Compression::Fast)?;
         Ok(file)
     }
 
@@ -236,6 +232,16 @@ impl Plane {
             FileKind::Npy => write_array(path, &[height, width], self.values.iter().copied()),
         }
     }
+}
+
+/// The bytes of the PNG file of 8-bit pixels of red, green and blue.
+///
+/// # Errors
+/// If PNG cannot hold pictures of this size.
+pub fn png_of_rgb8(size: [u32; 2], pixels: &[u8]) -> Result<Vec<u8>> {
+    let mut file = Vec::new();
+    png::write(&mut file, size, &[pixels], ExtendedColorType::Rgb8, Compression::Fast)?;
+    Ok(file)
 }
 
 /// Writes a PNG from 8-bit pixels of red, green, blue and straight alpha.

@@ -7,6 +7,7 @@
 //! - `actions` - operations of users on the state, by subject
 //! - `panels` - panels, input, and everything drawn over the picture
 //! - `frame` - a frame from input to screen
+//! - `remote` - a viewer that messages drive, in the place of panels and keys
 //! - `window` - the window, and frames without one
 
 mod actions;
@@ -14,6 +15,8 @@ mod frame;
 mod jobs;
 mod model;
 mod panels;
+#[cfg(feature = "serve")]
+pub(crate) mod remote;
 mod window;
 
 pub use actions::Program;

@@ -7,7 +7,7 @@ use crate::{code, is_test, program, sources};
 
 /// Every module of the crate, from the ground up, and the modules that it may use. `measure` is listed by its inner
 /// modules, which are modules of their own here.
-const EDGES: [(&str, &str); 23] = [
+const EDGES: [(&str, &str); 24] = [
     ("host_memory", ""),
     ("threads", "host_memory"),
     ("files", ""),
@@ -38,6 +38,7 @@ const EDGES: [(&str, &str); 23] = [
         "files host_memory threads gpu render reference scene procedural formats packing pagefile camera rules options \
          pixels measure::bench measure::metrics measure::trade",
     ),
+    ("serve", "threads gpu viewer pixels scene"),
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
@@ -83,12 +84,13 @@ const RENDER_ROOMS: [(&str, &str); 30] = [
 ];
 
 /// The rooms inside `viewer`, from the ground up, and the rooms that each may use.
-const VIEWER_ROOMS: [(&str, &str); 6] = [
+const VIEWER_ROOMS: [(&str, &str); 7] = [
     ("jobs", ""),
     ("model", "jobs"),
     ("actions", "jobs model"),
     ("panels", "jobs model actions"),
     ("frame", "model panels"),
+    ("remote", "model actions frame"),
     ("window", "model frame"),
 ];
 

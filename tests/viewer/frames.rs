@@ -18,31 +18,7 @@ use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscree
 pub(super) const SIZE: [u32; 2] = [160, 96];
 
 pub(super) fn setup(scenes: &[&str]) -> Setup {
-    Setup {
-        scenes: scenes.iter().map(PathBuf::from).collect(),
-        reading_options: Vec::new(),
-        cameras: None,
-        places: None,
-        start: None,
-        background: smalto::rules::Background::BLACK,
-        lenses: LensChoice::Own,
-        photographs: None,
-        options: Options::default(),
-        antialiased_is_explicit: false,
-        watches_files: false,
-        near_is_explicit: false,
-        reading: Reading::default(),
-        bindings: Bindings::default(),
-        recent_file: None,
-        vsync: smalto::gpu::Vsync::On,
-        hides_panels: true,
-        compares_with: None,
-        compare_mode: CompareMode::Split,
-        view_mode: 0,
-        fps: None,
-        prints_events: false,
-        remark: |_| {},
-    }
+    Setup { scenes: scenes.iter().map(PathBuf::from).collect(), hides_panels: true, ..Setup::default() }
 }
 
 pub(super) fn open(gpu: &Gpu, setup: Setup) -> Offscreen {

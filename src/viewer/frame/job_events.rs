@@ -189,7 +189,7 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
         if is_current || is_refused || viewer.pictures.are_building[i] {
             continue;
         }
-        let reusable = current.or(pair.first.as_ref()).map(Drawn::reusable);
+        let reusable = current.or(pair.first.as_ref()).map(Drawn::reusable).or_else(|| pair.lent.take());
         viewer.pictures.are_building[i] = true;
         viewer.pictures.refused[i] = None;
         let (device, view, background) = (device.clone(), viewer.view.camera(), viewer.view.background);

@@ -38,7 +38,7 @@ impl Session {
     }
 
     /// The PSNR of the levels of the first picture as text, if it is known.
-    fn level_psnr(&self) -> Option<String> {
+    pub(crate) fn level_psnr(&self) -> Option<String> {
         let (camera, background) = (self.viewer.pictures.view.as_ref(), self.viewer.view.background);
         self.pair.first.as_ref()?.level_psnr(camera, background)
     }

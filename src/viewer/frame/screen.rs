@@ -33,6 +33,8 @@ pub struct Screen {
     retired: Vec<RetiredFrame>,
     /// The pictures recorded by [`Screen::draw`] and not yet shown.
     drawing: Option<Drawing>,
+    /// Nothing is drawn over the pictures.
+    is_bare: bool,
 }
 
 enum Target {
@@ -125,7 +127,18 @@ impl Screen {
             frames: VecDeque::new(),
             retired: Vec::new(),
             drawing: None,
+            is_bare: false,
         }
+    }
+
+    /// True if nothing is drawn over the pictures.
+    pub fn is_bare(&self) -> bool {
+        self.is_bare
+    }
+
+    /// Shows the pictures alone, without panels and labels.
+    pub fn bare(self) -> Self {
+        Self { is_bare: true, ..self }
     }
 
     /// Releases the window for another screen.
@@ -149,13 +162,18 @@ impl Screen {
         }
     }
 
-    /// Adapts the swapchain to the size of the window.
+    /// Adapts the images of the screen to the size of the window.
     pub fn fit(&mut self, size: [u32; 2]) -> Result<Shown> {
         match &mut self.target {
             Target::Window(swapchain) => match swapchain.fit(size)? {
                 Presentation::Lost => Ok(Shown::Lost),
                 _ => Ok(if swapchain.size().is_some() { Shown::Yes } else { Shown::Hidden }),
             },
+            // Frames in flight keep the image before.
+            Target::Offscreen(image) if image.size() != size => {
+                *image = Image::screen(&self.device, "screen", size)?;
+                Ok(Shown::Yes)
+            }
             Target::Offscreen(_) | Target::Closed => Ok(Shown::Yes),
         }
     }
@@ -169,7 +187,9 @@ impl Screen {
 
     /// Applies these changes to the textures of the panels with the next frame.
     pub fn add_textures(&mut self, changes: TexturesDelta) {
-        self.textures.append(changes);
+        if !self.is_bare {
+            self.textures.append(changes);
+        }
     }
 
     /// True while frames are in flight.
@@ -295,7 +315,7 @@ impl Screen {
             None => (&first, Compare::First),
         };
         cmd.scope("display", |cmd| self.display.record(cmd, [&first, second], compare, arrangement.quantity, image))?;
-        if arrangement.triangles.is_empty() {
+        if arrangement.triangles.is_empty() || self.is_bare {
             return Ok(());
         }
         let overlay = match &mut self.overlay {

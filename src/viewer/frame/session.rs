@@ -323,7 +323,8 @@ impl Session {
                 drawn.renderer.render(&camera, background)?;
             }
         }
-        self.screen.draw(&mut self.pair, &camera, background, !self.viewer.panels.are_hidden)?;
+        let times_stages = !self.viewer.panels.are_hidden || self.screen.is_bare();
+        self.screen.draw(&mut self.pair, &camera, background, times_stages)?;
         self.viewer.pictures.view = Some(camera);
         (self.viewer.inspector.snapshot, self.viewer.inspector.depths) = (None, None);
         self.viewer.pictures.are_stale = false;

@@ -152,7 +152,7 @@ pub const TASKS: [(&str, Action); 7] = [
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Chord {
     Key(KeyboardShortcut),
-    LoadedScene(Modifiers),
+    Held(Modifiers),
 }
 
 /// The key of every action.
@@ -232,7 +232,7 @@ impl Bindings {
                 parts.push(shortcut.logical_key.symbol_or_name());
                 parts.join("+")
             }
-            Chord::LoadedScene(modifiers) => held(modifiers).join("+"),
+            Chord::Held(modifiers) => held(modifiers).join("+"),
         }
     }
 }
@@ -263,7 +263,7 @@ fn parse(text: &str) -> Result<Chord> {
     }
     Ok(match key {
         Some(key) => Chord::Key(KeyboardShortcut::new(modifiers, key)),
-        None => Chord::LoadedScene(modifiers),
+        None => Chord::Held(modifiers),
     })
 }
 

@@ -26,6 +26,7 @@ pub enum LayerSource {
 }
 
 /// A scene that is open or being read.
+#[derive(Clone)]
 pub struct Layer {
     pub number: u64,
     pub source: LayerSource,
@@ -143,6 +144,13 @@ impl Layer {
             cancel: Cancel::default(),
         };
         layer.read(jobs);
+        layer
+    }
+
+    /// The layer as another viewer opens it, without reading it again.
+    pub fn shared(&self, number: u64) -> Self {
+        let mut layer = self.clone();
+        (layer.number, layer.cancel) = (number, Cancel::default());
         layer
     }
 

@@ -494,6 +494,8 @@ impl Drawn {
 pub struct Pair {
     pub first: Option<Drawn>,
     pub second: Option<Second>,
+    /// Parts of the picture of another session, for the first build of this one.
+    pub lent: Option<Reusable>,
 }
 
 /// The picture with which the first one is compared.

@@ -38,6 +38,14 @@ impl Scenes {
         self.last_number
     }
 
+    /// Opens the scenes of another viewer in addition, without reading them again.
+    pub fn share(&mut self, other: &Self) {
+        for layer in &other.layers {
+            let number = self.next_number();
+            self.layers.push(layer.shared(number));
+        }
+    }
+
     /// Index of the layer with this number; `None` after it was closed.
     pub fn index_of(&self, number: u64) -> Option<usize> {
         self.layers.iter().position(|layer| layer.number == number)

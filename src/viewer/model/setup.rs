@@ -56,6 +56,37 @@ pub struct Setup {
     pub remark: fn(&str),
 }
 
+impl Default for Setup {
+    /// An empty window.
+    fn default() -> Self {
+        Self {
+            scenes: Vec::new(),
+            reading: Reading::default(),
+            reading_options: Vec::new(),
+            cameras: None,
+            places: None,
+            start: None,
+            background: Background::BLACK,
+            lenses: LensChoice::default(),
+            photographs: None,
+            options: Options::default(),
+            antialiased_is_explicit: false,
+            near_is_explicit: false,
+            bindings: Bindings::default(),
+            recent_file: None,
+            vsync: Vsync::On,
+            hides_panels: false,
+            compares_with: None,
+            compare_mode: CompareMode::Split,
+            view_mode: 0,
+            fps: None,
+            watches_files: false,
+            prints_events: false,
+            remark: |_| {},
+        }
+    }
+}
+
 /// The first view.
 #[derive(Clone)]
 pub enum Start {

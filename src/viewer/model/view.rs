@@ -10,6 +10,7 @@ use crate::rules::Background;
 const FLAT_DEGREES: f64 = 0.2;
 
 /// The view of the scenes.
+#[derive(Clone)]
 pub struct View {
     pub navigator: Navigator,
     /// Index of the camera of the file that the view is at or moves to; `None` after the view has left it.

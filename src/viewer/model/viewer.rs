@@ -92,6 +92,18 @@ impl Viewer {
         }
     }
 
+    /// Shows the scenes, the cameras and the view of another viewer, which has read them.
+    pub fn join(&mut self, other: &Self) {
+        self.scenes.share(&other.scenes);
+        (self.cameras.list, self.cameras.file) = (other.cameras.list.clone(), other.cameras.file.clone());
+        let (window, size) = (self.view.window_size, self.view.size);
+        self.view = other.view.clone();
+        self.view.set_sizes(window, size);
+        self.options = other.options;
+        self.inspector.settings.ranges = other.inspector.settings.ranges;
+        self.pictures.are_stale = true;
+    }
+
     /// True while the user or an animation moves the view.
     pub fn is_moving(&self) -> bool {
         let is_dragged = self.pointer.drag.is_some_and(Drag::moves_view);

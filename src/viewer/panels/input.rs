@@ -65,7 +65,7 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) -> Vec<Input> {
 fn held(viewer: &Viewer, ui: &Ui, action: Action) -> bool {
     ui.input(|input| match viewer.setup.bindings.chord(action) {
         Chord::Key(shortcut) => input.key_down(shortcut.logical_key),
-        Chord::LoadedScene(modifiers) => input.modifiers.contains(modifiers),
+        Chord::Held(modifiers) => input.modifiers.contains(modifiers),
     })
 }
 

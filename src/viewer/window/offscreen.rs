@@ -11,7 +11,7 @@ use crate::gpu::Device;
 use crate::measure::bench::Statistics;
 use crate::render::{Path, Residency};
 use crate::viewer::frame::{FrameOutput, Screen, Session};
-use crate::viewer::model::{CompareTarget, Digest, Jobs, Setup, Viewer};
+use crate::viewer::model::{CompareTarget, Digest, Drawn, Jobs, Setup, Viewer};
 
 /// A viewer that a program drives, without a window.
 pub struct Offscreen {
@@ -55,10 +55,35 @@ pub struct PageCounts {
 
 impl Offscreen {
     pub fn new(setup: Setup, device: &Device, size: [u32; 2]) -> Result<Self> {
-        let screen = Screen::offscreen(device, size)?;
-        let viewer = Viewer::new(setup, Jobs::new(Arc::new(|| {})), size);
+        Self::of(setup, Screen::offscreen(device, size)?, size, Arc::new(|| {}))
+    }
+
+    /// A viewer whose frames are pictures without panels and labels. `wake` is called, from any thread, when a job has
+    /// sent an event.
+    pub fn bare(setup: Setup, device: &Device, size: [u32; 2], wake: Arc<dyn Fn() + Send + Sync>) -> Result<Self> {
+        Self::of(setup, Screen::offscreen(device, size)?.bare(), size, wake)
+    }
+
+    fn of(setup: Setup, screen: Screen, size: [u32; 2], wake: Arc<dyn Fn() + Send + Sync>) -> Result<Self> {
+        let viewer = Viewer::new(setup, Jobs::new(wake), size);
         let session = Session::new(viewer, screen, egui::Context::default());
         Ok(Self { session, size, started: Instant::now(), events: Vec::new() })
+    }
+
+    /// Shows what another viewer has read: its scenes, also those on the device, its cameras and its view.
+    pub fn join(&mut self, other: &Self) {
+        self.session.viewer.join(&other.session.viewer);
+        self.session.pair.lent = other.session.pair.first.as_ref().map(Drawn::reusable);
+    }
+
+    /// Gives the next frames another size, in pixels.
+    pub fn resize(&mut self, size: [u32; 2]) -> Result<()> {
+        self.size = size;
+        self.session.screen.fit(size).map(|_| ())
+    }
+
+    pub fn size(&self) -> [u32; 2] {
+        self.size
     }
 
     pub fn viewer(&mut self) -> &mut Viewer {

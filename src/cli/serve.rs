@@ -1,0 +1,156 @@
+//! `smalto serve`: the viewer in browsers.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+
+use super::devices::DeviceArgs;
+use super::headings::{ACCURACY, CAMERAS};
+use super::knobs::Knobs;
+use super::scenes::ReadingArgs;
+use super::view::{FADE, opaque};
+use super::{Usage, complain, knobs, remark, say, values};
+use crate::files::describe;
+use crate::options::Options;
+use crate::procedural::Procedural;
+use crate::rules::Background;
+use crate::serve;
+use crate::serve::{Access, Limits};
+use crate::viewer::{Setup, Start};
+
+/// Show scenes in browsers: the viewer of a machine without a screen
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  smalto serve garden.ply
+  smalto serve plush.spz --port 8080 --folder scenes
+  smalto serve garden.smalto --host 0.0.0.0 --memory 8GB
+
+docs/serve.md says what a page shows, and what the server defends against.")]
+pub(super) struct Args {
+    /// Scene files, folders or procedural scenes, as for `smalto render`
+    #[arg(required = true)]
+    scenes: Vec<PathBuf>,
+    /// Port of the server; 0 for a free one
+    #[arg(long, help_heading = SERVER, value_name = "PORT", default_value_t = 7007)]
+    port: u16,
+    /// Address to listen on
+    ///
+    /// By default only programs of this machine can connect; `ssh -L` makes a browser elsewhere one of them. Beyond
+    /// loopback addresses, pages need the token in the printed address.
+    #[arg(long, help_heading = SERVER, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    host: IpAddr,
+    /// Ask for a token on loopback addresses, too: other users of this machine can connect otherwise
+    #[arg(long, help_heading = SERVER)]
+    token: bool,
+    /// Folder whose scenes, cameras and pictures pages may open
+    #[arg(long, help_heading = SERVER, value_name = "DIR")]
+    folder: Option<PathBuf>,
+    /// Most pages at the same time
+    #[arg(long, help_heading = SERVER, value_name = "COUNT", default_value_t = 8)]
+    #[arg(value_parser = values::whole::<u32>(1..=64))]
+    clients: u32,
+    /// Camera file [default: found next to the first scene or above it]
+    #[arg(long, help_heading = CAMERAS, value_name = "FILE|DIR")]
+    cameras: Option<PathBuf>,
+    /// Begin at this camera: 7, -1 or an image name [default: first]
+    #[arg(long, help_heading = CAMERAS, value_name = "CAMERA", allow_hyphen_values = true)]
+    camera: Option<String>,
+    /// R,G,B (0 to 1), #rrggbb, black, grey or white
+    #[arg(long, help_heading = SERVER, value_name = "COLOUR", default_value = "0,0,0", value_parser = opaque)]
+    background: Background,
+    /// exact, balanced (default), fast, preview, inria, gsplat, khr, portable
+    ///
+    /// Pages can change it.
+    #[arg(long, help_heading = ACCURACY, value_name = "NAME", value_parser = knobs::preset_names())]
+    #[arg(hide_possible_values = true)]
+    preset: Option<String>,
+    #[command(flatten)]
+    knobs: Knobs,
+    #[command(flatten)]
+    reading: ReadingArgs,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+const SERVER: &str = "Server";
+
+pub(super) fn run(args: &Args) -> Result<()> {
+    args.knobs.check_gpu()?;
+    for scene in &args.scenes {
+        let procedural = scene.to_str().and_then(Procedural::parse);
+        procedural.transpose().map_err(|problem| Usage(format!("{}: {problem:#}", scene.display())))?;
+    }
+    if let Some(folder) = args.folder.as_ref().filter(|folder| !folder.is_dir()) {
+        return Err(Usage(format!("--folder {}: there is no such folder", folder.display())).into());
+    }
+    let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
+    let mut options = args.knobs.options(&preset, false, f32::INFINITY);
+    if !args.knobs.has("lod-fade") {
+        options.lod_fade = FADE;
+    }
+    let setup = Setup {
+        scenes: args.scenes.clone(),
+        reading: args.reading.reading()?,
+        reading_options: args.reading.options(),
+        cameras: args.cameras.clone(),
+        start: args.camera.clone().map(Start::Camera),
+        background: args.background,
+        options,
+        antialiased_is_explicit: args.knobs.has("antialiased"),
+        near_is_explicit: args.knobs.has("near"),
+        hides_panels: true,
+        remark,
+        ..Setup::default()
+    };
+    let address = SocketAddr::new(args.host, args.port);
+    let listener = TcpListener::bind(address)
+        .map_err(|problem| anyhow::anyhow!("cannot listen on {address}: {}", describe(&problem)))?;
+    let address = listener.local_addr().context("cannot listen")?;
+    let is_local = address.ip().is_loopback();
+    let token = (args.token || !is_local).then(serve::new_token).transpose()?;
+    let device = args.device.open()?;
+    let access = Access { is_local, token, folder: args.folder.clone() };
+    for line in addresses(address, access.token.as_deref()) {
+        say!("{line}")?;
+    }
+    serve::serve(listener, &device, setup, access, Limits { clients: args.clients as usize })?;
+    complain(&device)
+}
+
+/// What a user needs to connect: the address of the page, and how to reach it from elsewhere.
+fn addresses(address: SocketAddr, token: Option<&str>) -> Vec<String> {
+    let fragment = token.map_or_else(String::new, |token| format!("#token={token}"));
+    let port = address.port();
+    if address.ip().is_loopback() {
+        let host = if address.is_ipv6() { "[::1]" } else { "127.0.0.1" };
+        return vec![
+            format!("http://localhost:{port}/{fragment}"),
+            format!("From another machine: ssh -L {port}:{host}:{port} THIS_MACHINE, then open the same address there"),
+        ];
+    }
+    let host = match address.ip() {
+        ip if ip.is_unspecified() => "THIS_MACHINE".to_owned(),
+        IpAddr::V6(ip) => format!("[{ip}]"),
+        ip => ip.to_string(),
+    };
+    vec![
+        format!("http://{host}:{port}/{fragment}"),
+        "Pictures and the token are not encrypted: use this in a trusted network only".to_owned(),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::addresses;
+
+    #[test]
+    fn addresses_can_be_opened() {
+        let first = |address: &str, token| addresses(address.parse().unwrap(), token).swap_remove(0);
+        assert_eq!(first("127.0.0.1:7007", None), "http://localhost:7007/");
+        assert_eq!(first("127.0.0.1:7007", Some("ab")), "http://localhost:7007/#token=ab");
+        assert_eq!(first("0.0.0.0:80", Some("ab")), "http://THIS_MACHINE:80/#token=ab");
+        assert_eq!(first("[fe80::1]:80", Some("ab")), "http://[fe80::1]:80/#token=ab");
+    }
+}

@@ -1,0 +1,139 @@
+//! Who may connect: checks of the headers `Host` and `Origin`, of the token, and of paths.
+
+use std::net::IpAddr;
+use std::path::{Component, Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use subtle::ConstantTimeEq;
+
+/// The rules by which connections are accepted.
+#[derive(Clone)]
+pub struct Access {
+    /// The server listens on the loopback interface only.
+    pub is_local: bool,
+    /// Every connection has to show it.
+    pub token: Option<String>,
+    /// The folder whose files pages may open.
+    pub folder: Option<PathBuf>,
+}
+
+/// A new token: 128 random bits as hexadecimal digits.
+///
+/// # Errors
+/// If the system gives no random numbers.
+pub fn new_token() -> Result<String> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).context("the system gives no random numbers")?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+impl Access {
+    /// The reason why a request with these headers is refused. Pages of other sites may not drive a viewer: their
+    /// browser sends their address as `Origin`. A page whose name was made to stand for this machine (DNS rebinding)
+    /// has that name as `Host`.
+    pub fn refuses(&self, host: Option<&str>, origin: Option<&str>) -> Option<&'static str> {
+        let Some(host) = host else { return Some("the request has no header Host") };
+        if self.is_local && !is_of_this_machine(host) {
+            return Some("the server is for this machine, by the names localhost, 127.0.0.1 and [::1]");
+        }
+        match origin {
+            Some(origin) if origin.strip_prefix("http://") != Some(host) => {
+                Some("a page of another address may not connect")
+            }
+            _ => None,
+        }
+    }
+
+    /// True if this is the token, or none is asked for. The time does not depend on where a wrong one differs.
+    pub fn has_token(&self, given: Option<&str>) -> bool {
+        match &self.token {
+            None => true,
+            Some(token) => token.as_bytes().ct_eq(given.unwrap_or_default().as_bytes()).into(),
+        }
+    }
+
+    /// The file or folder of a path below the folder of the server.
+    ///
+    /// # Errors
+    /// If pages may open no files, or the path is not below the folder, also by symbolic links.
+    pub fn inside(&self, path: &str) -> Result<PathBuf> {
+        let folder = self.folder.as_deref().context("this server was started without --folder")?;
+        let is_plain = Path::new(path).components().all(|part| matches!(part, Component::Normal(_)));
+        ensure!(is_plain, "{path}: the path has to be below the folder of the server");
+        let folder = folder.canonicalize().with_context(|| format!("cannot read {}", folder.display()))?;
+        let found = folder.join(path).canonicalize().ok().filter(|found| found.starts_with(&folder));
+        found.with_context(|| format!("there is no {path} in the folder of the server"))
+    }
+}
+
+/// True if the name of a header `Host` is one of this machine, with any port.
+fn is_of_this_machine(host: &str) -> bool {
+    let name = match host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+        Some((name, port)) if port.is_empty() || port.starts_with(':') => name,
+        Some(_) => return false,
+        None => host.split_once(':').map_or(host, |(name, _)| name),
+    };
+    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn access(is_local: bool) -> Access {
+        Access { is_local, token: None, folder: None }
+    }
+
+    #[test]
+    fn other_hosts_and_origins_are_refused() {
+        let local = access(true);
+        for host in
+            ["localhost", "localhost:7007", "LOCALHOST:80", "127.0.0.1:7007", "[::1]:7007", "[::1]", "127.1.2.3"]
+        {
+            assert_eq!(local.refuses(Some(host), None), None, "{host}");
+            assert_eq!(local.refuses(Some(host), Some(&format!("http://{host}"))), None, "{host}");
+            for origin in
+                ["http://evil.example", "null", "", "https://localhost:7007", "http://localhost:7007.evil.example"]
+            {
+                assert!(local.refuses(Some(host), Some(origin)).is_some(), "{host} {origin}");
+            }
+        }
+        for host in
+            ["evil.example", "localhost.evil.example:7007", "[::1]evil", "192.168.0.1", "0.0.0.0:7007", "", "[::1"]
+        {
+            assert!(local.refuses(Some(host), None).is_some(), "{host}");
+        }
+        assert!(local.refuses(None, None).is_some());
+        assert_eq!(access(false).refuses(Some("render7:7007"), Some("http://render7:7007")), None);
+        assert!(access(false).refuses(Some("render7:7007"), Some("http://evil.example")).is_some());
+    }
+
+    #[test]
+    fn a_token_is_new_and_has_to_be_shown_whole() {
+        let token = new_token().unwrap();
+        assert!(token.len() == 32 && token != new_token().unwrap());
+        let access = Access { token: Some(token.clone()), ..access(false) };
+        assert!(access.has_token(Some(&token)));
+        for wrong in [None, Some(""), Some(&token[1..]), Some(&format!("{token}0"))] {
+            assert!(!access.has_token(wrong));
+        }
+    }
+
+    #[test]
+    fn paths_stay_in_the_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("inside")).unwrap();
+        std::fs::create_dir(folder.path().join("open")).unwrap();
+        std::fs::write(folder.path().join("secret"), "").unwrap();
+        std::fs::write(folder.path().join("open/a.ply"), "").unwrap();
+        #[cfg(unix)]
+        std::os::unix::fs::symlink("../secret", folder.path().join("open/link")).unwrap();
+        let open = Access { folder: Some(folder.path().join("open")), ..access(true) };
+        assert!(open.inside("a.ply").unwrap().ends_with("a.ply"));
+        assert!(open.inside("").unwrap().ends_with("open"));
+        for outside in ["../secret", "/etc/passwd", "link", "./a.ply", "inside/../../secret", "missing"] {
+            assert!(open.inside(outside).is_err(), "{outside}");
+        }
+        assert!(access(true).inside("a.ply").is_err());
+    }
+}

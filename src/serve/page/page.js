@@ -1,0 +1,625 @@
+// The page of `smalto serve`: shows the pictures of a viewer on the server, and sends it what the user does.
+'use strict';
+
+const at = (id) => document.getElementById(id);
+const canvas = at('picture');
+const context = canvas.getContext('2d', { alpha: false });
+
+let socket = null;
+let welcome = null;
+let state = null;
+let attempts = 0;
+let names = [];
+// The settings that this page has changed, which a link and a new connection have, too.
+const changed = { preset: null, knobs: {}, look: null };
+let lastView = null;
+let exact = null;
+let drawn = 0;
+let parts = null;
+let loss = null;
+let received = [];
+let roundTrip = null;
+const held = new Set();
+const pending = [];
+let sending = false;
+
+// ---- The address: the token and, after a while at rest, the view.
+
+const token = (() => {
+  const given = new URLSearchParams(location.hash.slice(1)).get('token');
+  if (given) sessionStorage.setItem('token', given);
+  return given || sessionStorage.getItem('token');
+})();
+
+function readAddress() {
+  const text = new URLSearchParams(location.hash.slice(1)).get('view');
+  try {
+    const saved = text ? JSON.parse(text) : null;
+    if (saved) {
+      lastView = saved.view || null;
+      changed.preset = saved.preset || null;
+      changed.knobs = saved.knobs || {};
+      changed.look = saved.look || null;
+    }
+  } catch (_) { /* An address that was cut begins at the first view. */ }
+}
+
+function address() {
+  const saved = { view: lastView, ...changed };
+  return '#' + new URLSearchParams({ view: JSON.stringify(saved) });
+}
+
+// ---- The connection.
+
+function say(message) {
+  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+function size() {
+  const scale = window.devicePixelRatio || 1;
+  const box = canvas.getBoundingClientRect();
+  return [Math.max(1, Math.round(box.width * scale)), Math.max(1, Math.round(box.height * scale))];
+}
+
+function connect() {
+  const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
+  socket = new WebSocket(`${scheme}//${location.host}/socket`);
+  socket.binaryType = 'arraybuffer';
+  socket.onopen = () => {
+    drawn = 0;
+    parts = null;
+    say({ do: 'hello', token, size: size(), view: lastView });
+  };
+  socket.onmessage = ({ data }) => {
+    if (typeof data === 'string') return hear(JSON.parse(data));
+    received.push([performance.now(), data.byteLength]);
+    showPicture(data);
+  };
+  socket.onclose = ({ reason }) => {
+    socket = null;
+    const wait = Math.min(4000, 250 * 2 ** attempts++);
+    notice(`${reason || 'The server does not answer'}; trying again`);
+    showWhat();
+    setTimeout(connect, wait);
+  };
+}
+
+function hear(message) {
+  switch (message.say) {
+    case 'welcome':
+      welcome = message;
+      attempts = 0;
+      notice('');
+      build();
+      if (changed.preset) say({ do: 'preset', name: changed.preset });
+      for (const [knob, value] of Object.entries(changed.knobs)) say({ do: 'set', knob, value });
+      if (changed.look) say({ do: 'look', name: changed.look, range: null });
+      break;
+    case 'state':
+      state = message;
+      showState();
+      break;
+    case 'cameras':
+      names = message.names;
+      showCameras();
+      break;
+    case 'loss':
+      loss = message;
+      showWhat();
+      break;
+    case 'files':
+      showFiles(message);
+      break;
+    case 'refused':
+      notice(message.why);
+      setTimeout(() => notice(''), 5000);
+      break;
+    case 'pong':
+      roundTrip = performance.now() - message.time;
+      break;
+  }
+}
+
+function notice(text) {
+  at('notice').textContent = text;
+  at('notice').hidden = !text;
+}
+
+// ---- Pictures.
+
+async function showPicture(data) {
+  const words = new DataView(data);
+  const word = (i) => words.getUint32(4 * i, true);
+  const [kind, number, width, height, reduction, count] = [0, 1, 2, 3, 4, 5].map(word);
+  let draw;
+  if (kind === 1) {
+    let place = 24 + 12 * count;
+    const strips = [];
+    for (let i = 0; i < count; i++) {
+      const [top, rows, bytes] = [6 + 3 * i, 7 + 3 * i, 8 + 3 * i].map(word);
+      strips.push({ top, rows, file: new Blob([new Uint8Array(data, place, bytes)], { type: 'image/jpeg' }) });
+      place += bytes;
+    }
+    const images = await Promise.all(strips.map(({ file }) => createImageBitmap(file)));
+    draw = () => {
+      context.imageSmoothingEnabled = false;
+      images.forEach((image, i) => {
+        const { top } = strips[i];
+        context.drawImage(image, 0, top, image.width * reduction, image.height * reduction);
+        image.close();
+      });
+    };
+  } else {
+    const [begin, bytes] = [word(6), word(7)];
+    if (begin === 0) parts = { number, bytes, have: 0, all: [] };
+    if (!parts || parts.number !== number) return;
+    parts.all.push(new Uint8Array(data, 32));
+    parts.have += data.byteLength - 32;
+    if (parts.have < bytes) return;
+    const file = new Blob(parts.all, { type: 'image/png' });
+    parts = null;
+    const image = await createImageBitmap(file, { colorSpaceConversion: 'none', premultiplyAlpha: 'none' });
+    draw = () => {
+      context.drawImage(image, 0, 0);
+      image.close();
+    };
+    if (number > drawn) exact = { number, file };
+  }
+  // Strips of an older picture may be decoded later than those of a newer one.
+  if (number > drawn) {
+    drawn = number;
+    if (canvas.width !== width || canvas.height !== height) {
+      canvas.width = width;
+      canvas.height = height;
+    }
+    draw();
+    if (kind === 1) exact = null;
+    shownTimes.push(performance.now());
+    showWhat();
+  }
+  say({ do: 'shown', picture: number });
+}
+
+const shownTimes = [];
+
+function showWhat() {
+  const what = at('what');
+  what.classList.toggle('is-exact', !!exact);
+  let text = 'connecting';
+  if (socket && exact) text = 'exact: the pixels of smalto render';
+  else if (socket && drawn) {
+    const db = loss && loss.picture >= drawn - 3 ? (loss.psnr === null ? 'no pixel differs' : `${loss.psnr.toFixed(1)} dB`) : '';
+    text = `compressed${db ? `, ${db}` : ''}`;
+  } else if (socket && state && !state.rest) text = 'reading the scene';
+  else if (!socket) text = 'not connected';
+  if (what.textContent !== text) what.textContent = text;
+  at('save').disabled = !exact;
+  document.body.dataset.picture = exact ? 'exact' : drawn ? 'compressed' : 'none';
+  document.body.dataset.number = drawn;
+}
+
+setInterval(() => {
+  const now = performance.now();
+  received = received.filter(([time]) => now - time < 1000);
+  while (shownTimes.length && now - shownTimes[0] > 1000) shownTimes.shift();
+  const bits = 8e-6 * received.reduce((sum, [, bytes]) => sum + bytes, 0);
+  const list = [];
+  if (shownTimes.length > 1) list.push(`${shownTimes.length} pictures/s`);
+  if (bits > 0.05) list.push(`${bits.toFixed(1)} Mbit/s`);
+  if (roundTrip !== null) list.push(`round trip ${roundTrip.toFixed(0)} ms`);
+  at('pace').textContent = list.join(', ');
+}, 500);
+setInterval(() => say({ do: 'ping', time: performance.now() }), 2000);
+
+// ---- The panel.
+
+function option(value, text) {
+  const made = document.createElement('option');
+  made.value = value;
+  made.textContent = text === undefined ? value : text;
+  return made;
+}
+
+function build() {
+  at('preset').replaceChildren(option('', 'own settings'), ...welcome.presets.map((name) => option(name)));
+  at('with').replaceChildren(option('nothing'), ...welcome.presets.map((name) => option(name)), option('reference', 'float64 reference'));
+  at('look').replaceChildren(...welcome.looks.map(({ name, title }) => option(name, title)));
+  const stops = welcome.colours.map((colour, i) => `${colour} ${(100 * i) / (welcome.colours.length - 1)}%`);
+  at('colours').style.background = `linear-gradient(to right, ${stops.join(', ')})`;
+  at('files').hidden = !welcome.has_folder;
+  at('knobs').replaceChildren(...welcome.knobs.map(knobRow));
+  const pointer = [
+    ['left drag', 'turn around the point in the middle'],
+    ['right drag', 'look around'],
+    ['middle drag, Shift + left drag', 'move sideways'],
+    ['wheel, two fingers', 'nearer or farther'],
+    ['double click', 'turn around this point'],
+    ['X', 'explain the pixel under the pointer'],
+    ['H', 'hide or show the panel'],
+    ['Escape', 'close messages and the explanation'],
+  ];
+  const rows = [...pointer, ...welcome.actions.map(({ key, help }) => [key, help])];
+  at('keys').tBodies[0].replaceChildren(...rows.map(([key, help]) => row([key, 'th'], [help, 'td'])));
+}
+
+function row(...cells) {
+  const made = document.createElement('tr');
+  for (const [text, kind, className] of cells) {
+    const cell = made.appendChild(document.createElement(kind));
+    if (kind === 'th') cell.scope = 'row';
+    if (className) cell.className = className;
+    if (text instanceof Node) cell.append(text);
+    else cell.textContent = text;
+  }
+  return made;
+}
+
+function knobRow({ name, help, is_of_levels: isOfLevels, kind }) {
+  const made = document.createElement('label');
+  made.className = 'knob';
+  made.title = help;
+  made.dataset.levels = isOfLevels;
+  const text = made.appendChild(document.createElement('span'));
+  text.textContent = name;
+  let input;
+  if (kind.type === 'name') {
+    input = document.createElement('select');
+    input.replaceChildren(...kind.names.map((value) => option(value)));
+  } else {
+    input = document.createElement('input');
+    input.type = kind.type === 'flag' ? 'checkbox' : 'text';
+  }
+  input.dataset.knob = name;
+  input.addEventListener('change', () => {
+    const value = input.type === 'checkbox' ? String(input.checked) : input.value;
+    changed.knobs[name] = value;
+    say({ do: 'set', knob: name, value });
+  });
+  made.append(input);
+  return made;
+}
+
+function put(input, value) {
+  if (document.activeElement !== input || input.tagName === 'SELECT') {
+    if (input.type === 'checkbox') input.checked = value === 'true';
+    else if (input.value !== value) input.value = value;
+  }
+}
+
+function showCameras() {
+  const chosen = state && state.camera !== null ? String(state.camera) : '';
+  at('camera').replaceChildren(option('', names.length ? `none of ${names.length}` : 'no camera file'), ...names.map((name, i) => option(i, `${i}: ${name}`)));
+  at('camera').value = chosen;
+}
+
+function showState() {
+  document.title = state.title;
+  at('title').textContent = state.title;
+  at('camera').value = state.camera === null ? '' : String(state.camera);
+  put(at('preset'), state.preset || '');
+  const hasLevels = state.levels !== null || state.missing_pages > 0;
+  welcome.knobs.forEach(({ name }, i) => put(at('knobs').children[i].querySelector('[data-knob]'), state.knobs[i]));
+  put(at('look'), state.look);
+  const look = welcome.looks.find(({ name }) => name === state.look);
+  at('scale').hidden = !look.has_scale;
+  at('unit').textContent = look.unit;
+  put(at('low'), String(state.range[0]));
+  put(at('high'), String(state.range[1]));
+  showScenes();
+  showStages(hasLevels);
+  showComparison();
+  showExplanation();
+  const messages = [...state.messages];
+  if (state.nothing) messages.push({ is_error: false, text: state.nothing });
+  at('messages').replaceChildren(...messages.map(({ is_error: isError, text }) => {
+    const made = document.createElement('p');
+    made.textContent = text;
+    if (isError) made.className = 'error';
+    return made;
+  }));
+  at('link').disabled = at('command').disabled = !state.rest;
+  if (state.rest) {
+    lastView = state.rest.view;
+    history.replaceState(null, '', address());
+  }
+  showWhat();
+}
+
+function showScenes() {
+  at('scenes').replaceChildren(...state.scenes.map(({ name, summary, is_shown: isShown, progress }, i) => {
+    const made = document.createElement('label');
+    made.className = 'row';
+    made.title = summary;
+    const box = made.appendChild(document.createElement('input'));
+    box.type = 'checkbox';
+    box.checked = isShown;
+    box.addEventListener('change', () => say({ do: 'show', scene: i, is_shown: box.checked }));
+    made.append(progress === null ? name : `${name}, ${Math.round(100 * progress)} % read`);
+    return made;
+  }));
+}
+
+function showStages() {
+  const rows = [];
+  const ms = (value) => `${value.toFixed(3)} ms`;
+  if (state.gpu_ms !== null) rows.push(row(['frame', 'th'], [ms(state.gpu_ms), 'td', 'number']));
+  for (const [name, value] of state.stages) rows.push(row([name, 'th'], [ms(value), 'td', 'number']));
+  if (state.path) rows.push(row(['path', 'th'], [state.path, 'td', 'number']));
+  rows.push(row(['visible Gaussians', 'th'], [state.visible.toLocaleString('en'), 'td', 'number']));
+  if (state.missing_pages) rows.push(row(['pages missing', 'th'], [String(state.missing_pages), 'td', 'number']));
+  if (state.levels) rows.push(row(['levels, to all Gaussians', 'th'], [state.levels, 'td', 'number']));
+  at('stages').tBodies[0].replaceChildren(...rows);
+}
+
+function showComparison() {
+  const shown = state.comparison;
+  at('split').hidden = !shown || shown.mode !== 'split';
+  if (!shown) {
+    at('compared').textContent = '';
+    put(at('with'), 'nothing');
+    return;
+  }
+  at('split').style.left = `${100 * shown.split}%`;
+  for (const input of document.getElementsByName('by')) input.checked = input.value === shown.mode;
+  let text = `${shown.first} and ${shown.second}`;
+  if (shown.is_loading) text = 'the second picture is being drawn';
+  else if (shown.mismatch) text += `: the second is of ${shown.mismatch}`;
+  else if (shown.flip !== null) text += shown.psnr === null ? ': equal' : `: ${shown.psnr.toFixed(2)} dB, FLIP ${shown.flip.toFixed(4)}`;
+  at('compared').textContent = text;
+}
+
+function showExplanation() {
+  const explained = state.explanation;
+  at('mark').hidden = !explained;
+  if (!explained) {
+    at('explained').replaceChildren();
+    return;
+  }
+  const { pixel, colour, depth, splats, first, transmittance } = explained;
+  const [width, height] = [canvas.width, canvas.height];
+  at('mark').style.left = `${(100 * (pixel[0] + 0.5)) / width}%`;
+  at('mark').style.top = `${(100 * (pixel[1] + 0.5)) / height}%`;
+  const intro = document.createElement('p');
+  const far = depth === null ? 'nothing is drawn here' : `depth ${depth.toFixed(3)}`;
+  intro.textContent = `Pixel ${pixel.join(', ')}: colour ${colour.map((value) => value.toFixed(3)).join(' ')}, ${far}, ` +
+    `${splats} splats, ${(100 * transmittance).toFixed(1)} % of the background`;
+  const table = document.createElement('table');
+  const head = table.createTHead();
+  head.append(row(['Gaussian', 'th'], ['depth', 'th'], ['alpha', 'th'], ['share', 'th'], ['colour', 'th']));
+  const body = table.createTBody();
+  for (const splat of first) {
+    const swatch = document.createElement('span');
+    swatch.className = 'swatch';
+    swatch.style.background = `rgb(${splat.colour.map((value) => Math.round(255 * Math.min(1, Math.max(0, value)))).join(',')})`;
+    body.append(row([String(splat.gaussian), 'td'], [splat.depth.toFixed(3), 'td'], [splat.alpha.toFixed(4), 'td'],
+      [splat.share.toFixed(4), 'td'], [swatch, 'td']));
+  }
+  at('explained').replaceChildren(intro, table);
+  if (JSON.stringify(pixel) !== showExplanation.last) at('explained-section').open = true;
+  showExplanation.last = JSON.stringify(pixel);
+}
+
+function showFiles({ folder, folders, files }) {
+  const button = (text, act) => {
+    const made = document.createElement('button');
+    made.textContent = text;
+    made.addEventListener('click', act);
+    return made;
+  };
+  const below = (name) => (folder ? `${folder}/${name}` : name);
+  const list = [];
+  if (folder) list.push(button('..', () => say({ do: 'files', folder: folder.split('/').slice(0, -1).join('/') })));
+  for (const name of folders) list.push(button(`${name}/`, () => say({ do: 'files', folder: below(name) })));
+  for (const name of files) {
+    list.push(button(name, () => {
+      say({ do: 'open', file: below(name) });
+      at('listing').replaceChildren();
+    }));
+  }
+  if (!list.length) list.push('Nothing here can be opened.');
+  at('listing').replaceChildren(...list);
+}
+
+at('browse').addEventListener('click', () => say({ do: 'files', folder: '' }));
+at('camera').addEventListener('change', ({ target }) => target.value !== '' && say({ do: 'camera', index: Number(target.value) }));
+at('preset').addEventListener('change', ({ target }) => {
+  if (!target.value) return;
+  changed.preset = target.value;
+  changed.knobs = {};
+  say({ do: 'preset', name: target.value });
+});
+at('look').addEventListener('change', ({ target }) => {
+  changed.look = target.value;
+  say({ do: 'look', name: target.value, range: null });
+});
+for (const id of ['low', 'high']) {
+  at(id).addEventListener('change', () => say({ do: 'look', name: state.look, range: [Number(at('low').value), Number(at('high').value)] }));
+}
+at('with').addEventListener('change', ({ target }) => say({ do: 'compare', with: target.value }));
+function compareBy(split) {
+  const mode = [...document.getElementsByName('by')].find((input) => input.checked).value;
+  say({ do: 'compare-by', mode, split, gain: 10 ** Number(at('gain').value) });
+}
+for (const input of document.getElementsByName('by')) input.addEventListener('change', () => compareBy(null));
+at('gain').addEventListener('input', () => compareBy(null));
+for (const button of document.querySelectorAll('[data-act]')) {
+  button.addEventListener('click', () => say({ do: 'act', action: button.dataset.act }));
+}
+at('save').addEventListener('click', () => {
+  if (!exact) return;
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(exact.file);
+  link.download = 'view.png';
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+});
+async function copy(text, what) {
+  try {
+    await navigator.clipboard.writeText(text);
+    notice(`${what} is copied`);
+    setTimeout(() => notice(''), 2000);
+  } catch (_) {
+    // Pages that are not from this machine may not write to the clipboard.
+    prompt('Copy this:', text);
+  }
+}
+at('link').addEventListener('click', () => copy(location.origin + location.pathname + address(), 'The link'));
+at('command').addEventListener('click', () => copy(state.rest.command, 'The command'));
+at('open-panel').addEventListener('click', togglePanel);
+function togglePanel() {
+  const isHidden = document.body.classList.toggle('is-hidden');
+  at('open-panel').setAttribute('aria-expanded', String(!isHidden));
+}
+
+// ---- Pointer and keys: all events since the last frame of the page are one message.
+
+function input(event) {
+  const last = pending[pending.length - 1];
+  if (event.kind === 'move' && last && last.kind === 'move') pending.pop();
+  pending.push(event);
+  if (!sending) {
+    sending = true;
+    requestAnimationFrame(flush);
+  }
+}
+
+function flush() {
+  sending = false;
+  if (pending.length) say({ do: 'input', events: pending.splice(0, 200) });
+  if (pending.length) input(pending.pop());
+}
+
+const keysHeld = (event) => ({ shift: event.shiftKey, ctrl: event.ctrlKey || event.metaKey, alt: event.altKey });
+let pointer = [0, 0];
+function place(event) {
+  const box = canvas.getBoundingClientRect();
+  pointer = [((event.clientX - box.left) * canvas.width) / box.width, ((event.clientY - box.top) * canvas.height) / box.height];
+  return { x: pointer[0], y: pointer[1] };
+}
+const pixel = () => pointer.map((side) => Math.max(0, Math.floor(side)));
+
+const BUTTONS = ['left', 'middle', 'right'];
+const touches = new Map();
+let pressed = null;
+
+canvas.addEventListener('pointerdown', (event) => {
+  canvas.focus();
+  canvas.setPointerCapture(event.pointerId);
+  const { x, y } = place(event);
+  if (event.pointerType === 'touch') {
+    touches.set(event.pointerId, [event.clientX, event.clientY]);
+    if (touches.size === 2) {
+      // Two fingers move and zoom: the first one had begun to turn.
+      if (pressed) input({ kind: 'button', x, y, button: pressed, is_pressed: false, held: keysHeld(event) });
+      pressed = 'middle';
+    } else if (touches.size === 1) pressed = 'left';
+    else return;
+    input({ kind: 'move', x, y });
+    input({ kind: 'button', x, y, button: pressed, is_pressed: true, held: keysHeld(event) });
+    return;
+  }
+  const shown = state && state.comparison;
+  if (event.button === 0 && shown && shown.mode === 'split' && Math.abs(x / canvas.width - shown.split) * canvas.clientWidth < 6) {
+    canvas.dataset.drags = 'split';
+    return;
+  }
+  input({ kind: 'move', x, y });
+  if (BUTTONS[event.button]) input({ kind: 'button', x, y, button: BUTTONS[event.button], is_pressed: true, held: keysHeld(event) });
+});
+canvas.addEventListener('pointermove', (event) => {
+  if (event.pointerType === 'touch' && touches.size === 2 && touches.has(event.pointerId)) {
+    const distance = () => {
+      const [a, b] = [...touches.values()];
+      return Math.hypot(a[0] - b[0], a[1] - b[1]);
+    };
+    const before = distance();
+    touches.set(event.pointerId, [event.clientX, event.clientY]);
+    if (before > 0) input({ kind: 'zoom', factor: distance() / before });
+    if (event.pointerId !== [...touches.keys()][0]) return;
+  }
+  if (canvas.dataset.drags === 'split') {
+    place(event);
+    compareBy(pointer[0] / canvas.width);
+    return;
+  }
+  input({ kind: 'move', ...place(event) });
+});
+function release(event) {
+  if (canvas.dataset.drags === 'split') {
+    delete canvas.dataset.drags;
+    return;
+  }
+  const { x, y } = place(event);
+  let button = BUTTONS[event.button];
+  if (event.pointerType === 'touch') {
+    touches.delete(event.pointerId);
+    button = pressed;
+    pressed = null;
+  }
+  if (button) input({ kind: 'button', x, y, button, is_pressed: false, held: keysHeld(event) });
+}
+canvas.addEventListener('pointerup', release);
+canvas.addEventListener('pointercancel', release);
+canvas.addEventListener('pointerleave', () => input({ kind: 'gone' }));
+canvas.addEventListener('contextmenu', (event) => event.preventDefault());
+canvas.addEventListener('auxclick', (event) => event.preventDefault());
+canvas.addEventListener('dblclick', (event) => {
+  place(event);
+  say({ do: 'focus', pixel: pixel() });
+});
+canvas.addEventListener('wheel', (event) => {
+  event.preventDefault();
+  const points = event.deltaMode === 1 ? 20 * event.deltaY : event.deltaY;
+  input({ kind: 'move', ...place(event) });
+  input({ kind: 'wheel', points: -points });
+}, { passive: false });
+
+// The name of a key as the server writes it: Ctrl+Z, N, Delete.
+function keyName(event) {
+  const key = event.key.length === 1 ? event.key.toUpperCase() : event.key;
+  const list = [];
+  if (event.ctrlKey || event.metaKey) list.push('Ctrl');
+  if (event.shiftKey) list.push('Shift');
+  if (event.altKey) list.push('Alt');
+  return [...list, key === ' ' ? 'Space' : key].join('+');
+}
+const plainName = (event) => (event.key === ' ' ? 'Space' : event.key.length === 1 ? event.key.toUpperCase() : event.key);
+
+document.addEventListener('keydown', (event) => {
+  const target = event.target;
+  if (target.matches('input, select, textarea') || !welcome) return;
+  if (target.matches('button, summary') && (event.key === ' ' || event.key === 'Enter')) return;
+  const flies = welcome.actions.find(({ is_held: isHeld, key }) => isHeld && key === plainName(event));
+  const acts = welcome.actions.find(({ is_held: isHeld, key }) => !isHeld && key === keyName(event));
+  if (acts) say({ do: 'act', action: acts.name });
+  else if (flies && !event.repeat) {
+    held.add(flies.name);
+    input({ kind: 'key', action: flies.name, is_pressed: true, held: keysHeld(event) });
+  } else if (event.key === 'Escape') say({ do: 'act', action: 'escape' });
+  else if (keyName(event) === 'X') say({ do: 'explain', pixel: pixel() });
+  else if (keyName(event) === 'H') togglePanel();
+  else if ((event.key === 'Shift' || event.key === 'Control') && held.size) {
+    for (const action of held) input({ kind: 'key', action, is_pressed: true, held: keysHeld(event) });
+  } else if (!flies) return;
+  event.preventDefault();
+});
+document.addEventListener('keyup', (event) => {
+  if (!welcome) return;
+  const flies = welcome.actions.find(({ is_held: isHeld, key }) => isHeld && key === plainName(event));
+  if (flies && held.delete(flies.name)) input({ kind: 'key', action: flies.name, is_pressed: false, held: keysHeld(event) });
+  else if (held.size) for (const action of held) input({ kind: 'key', action, is_pressed: true, held: keysHeld(event) });
+});
+window.addEventListener('blur', () => {
+  for (const action of held) input({ kind: 'key', action, is_pressed: false });
+  held.clear();
+  input({ kind: 'blur' });
+});
+
+let resized = null;
+new ResizeObserver(() => {
+  clearTimeout(resized);
+  resized = setTimeout(() => say({ do: 'resize', size: size() }), 60);
+}).observe(canvas);
+
+readAddress();
+connect();

@@ -1,0 +1,161 @@
+//! The thread with the device: all viewers, drawn in turn.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
+
+use super::access::Access;
+use super::client::{Client, Said};
+use super::outbox::Outbox;
+use crate::gpu::Device;
+use crate::viewer::remote::state;
+use crate::viewer::{Offscreen, Setup};
+
+/// The size of the first viewer, which reads the scenes for all and is seen by none.
+const FIRST_SIZE: [u32; 2] = [64, 64];
+
+/// Interval of frames of the first viewer, until it has read the scenes.
+const READING: Duration = Duration::from_millis(20);
+
+/// What happens to the viewers.
+pub enum SessionEvent {
+    Joined {
+        id: u64,
+        outbox: Arc<Outbox>,
+        size: [u32; 2],
+        view: Option<serde_json::Value>,
+    },
+    Said {
+        id: u64,
+        said: Said,
+    },
+    Left {
+        id: u64,
+    },
+    Compressed {
+        id: u64,
+        pixels: u64,
+        bytes: usize,
+    },
+    /// A job of a viewer has sent an event.
+    Wake(u64),
+}
+
+/// All viewers of a server.
+pub struct Sessions {
+    device: Device,
+    setup: Setup,
+    access: Access,
+    sender: Sender<SessionEvent>,
+    first: Offscreen,
+    is_read: bool,
+    clients: Vec<Client>,
+}
+
+impl Sessions {
+    /// The viewers of a server. The first one begins to read the scenes of the setup.
+    ///
+    /// # Errors
+    /// If device memory runs out.
+    pub fn new(device: &Device, setup: Setup, access: Access, sender: Sender<SessionEvent>) -> Result<Self> {
+        let wake = sender.clone();
+        let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(0))));
+        let first = Offscreen::bare(setup.clone(), device, FIRST_SIZE, wake)?;
+        let device = device.clone();
+        Ok(Self { device, setup, access, sender, first, is_read: false, clients: Vec::new() })
+    }
+
+    /// Draws until the device is lost, or the scenes turn out to be unreadable.
+    ///
+    /// # Errors
+    /// These two.
+    pub fn run(&mut self, events: &Receiver<SessionEvent>) -> Result<()> {
+        loop {
+            let due = self.clients.iter().filter_map(Client::due).min();
+            let due = if self.is_read { due } else { Some(Instant::now() + READING) };
+            let event = match due {
+                None => events.recv().map_err(|_| RecvTimeoutError::Disconnected),
+                Some(due) => events.recv_deadline(due),
+            };
+            match event {
+                Ok(event) => {
+                    self.handle(event)?;
+                    events.try_iter().try_for_each(|event| self.handle(event))?;
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            }
+            if !self.is_read {
+                self.read()?;
+            }
+            let now = Instant::now();
+            for client in &mut self.clients {
+                if client.due().is_some_and(|due| due <= now) {
+                    client.step()?;
+                }
+            }
+            // Each round begins with another one, so that none waits for the others again and again.
+            if !self.clients.is_empty() {
+                self.clients.rotate_left(1);
+            }
+        }
+    }
+
+    /// A frame of the first viewer. Clients join once it has read the scenes.
+    fn read(&mut self) -> Result<()> {
+        self.first.frame(Vec::new())?;
+        self.first.session.retire_frames(true)?;
+        if let Some(failure) = self.first.viewer().messages.failure.take() {
+            return Err(failure);
+        }
+        self.is_read = self.first.session.is_settled();
+        for client in &mut self.clients {
+            match self.is_read {
+                true => client.join(&self.first),
+                false => client.send_state(state(&mut self.first.session)),
+            }
+        }
+        Ok(())
+    }
+
+    fn handle(&mut self, event: SessionEvent) -> Result<()> {
+        match event {
+            SessionEvent::Joined { id, outbox, size, view } => {
+                let connection = (id, outbox.clone(), self.sender.clone());
+                let shared = (self.setup.clone(), &self.device, &self.access);
+                match Client::new(connection, shared, (size, view)) {
+                    Ok(mut client) => {
+                        if self.is_read {
+                            client.join(&self.first);
+                        }
+                        self.clients.push(client);
+                    }
+                    Err(problem) => outbox.end(format!("{problem:#}")),
+                }
+            }
+            SessionEvent::Said { id, said } => {
+                if let Some(client) = self.client(id) {
+                    client.say(said);
+                }
+            }
+            SessionEvent::Left { id } => self.clients.retain(|client| client.id != id),
+            SessionEvent::Compressed { id, pixels, bytes } => {
+                if let Some(client) = self.client(id) {
+                    client.compressed(pixels, bytes);
+                }
+            }
+            SessionEvent::Wake(id) => {
+                if let Some(client) = self.client(id) {
+                    client.wake();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn client(&mut self, id: u64) -> Option<&mut Client> {
+        self.clients.iter_mut().find(|client| client.id == id)
+    }
+}

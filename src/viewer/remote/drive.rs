@@ -1,0 +1,204 @@
+//! What messages do.
+
+use egui::{Event, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
+
+use super::messages::{Button, ClientMessage, CompareBy, Held, InputEvent};
+use crate::options::{Knob, Options};
+use crate::viewer::frame::Session;
+use crate::viewer::model::{ACTIONS, Action, Chord, CompareMode, CompareTarget, Request, Viewer, view_mode};
+
+/// The actions of messages that are done at once. Those on files, the clipboard and the window are not among them.
+pub(super) const ACTS: [Action; 11] = [
+    Action::NextCamera,
+    Action::PreviousCamera,
+    Action::NearestCamera,
+    Action::FlipUp,
+    Action::Frame,
+    Action::Reset,
+    Action::Undo,
+    Action::Redo,
+    Action::FreezeCulling,
+    Action::NextLook,
+    Action::PreviousLook,
+];
+
+/// The actions that last while their key is held.
+pub(super) const HELD: [Action; 9] = [
+    Action::Forward,
+    Action::Back,
+    Action::Left,
+    Action::Right,
+    Action::Up,
+    Action::Down,
+    Action::Fast,
+    Action::Slow,
+    Action::Flicker,
+];
+
+/// The name of the message that closes messages and explanations, like the key Escape.
+pub(super) const ESCAPE: &str = "escape";
+
+/// Most events of one message.
+const MAX_EVENTS: usize = 256;
+
+/// Does what a message asks of a viewer. Returns the events for the next frame.
+///
+/// # Errors
+/// A sentence for the user if it cannot be done.
+pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>, String> {
+    let viewer = &mut session.viewer;
+    match message {
+        ClientMessage::Input { events } if events.len() > MAX_EVENTS => {
+            return Err(format!("a message has {MAX_EVENTS} events at most"));
+        }
+        ClientMessage::Input { events } => {
+            let mut all = Vec::new();
+            for event in &events {
+                all.extend(held_keys(event).map(Event::ModifiersChanged));
+                all.extend(input(viewer, event)?);
+            }
+            return Ok(all);
+        }
+        ClientMessage::Act { action } if action == ESCAPE => viewer.escape(),
+        ClientMessage::Act { action } => viewer.act(named(&action, &ACTS)?, None),
+        ClientMessage::Set { knob, value } => {
+            let knob = Knob::named(&knob).ok_or_else(|| format!("there is no knob {knob}"))?;
+            let value = knob.parse(&value).map_err(|problem| format!("{}: {problem}", knob.name))?;
+            let turned = knob.turned(&viewer.options, value);
+            if let Some(why) = turned.undrawable() {
+                return Err(format!("{}: {why}", knob.name));
+            }
+            viewer.options = turned;
+        }
+        ClientMessage::Preset { name } => viewer.options = viewer.preset(&preset(&name)?),
+        ClientMessage::Look { name, range } => look(viewer, &name, range)?,
+        ClientMessage::Camera { index } if index >= viewer.cameras.list.len() => {
+            return Err(format!("there is no camera {index}"));
+        }
+        ClientMessage::Camera { index } => viewer.go_to_camera(index, false),
+        ClientMessage::View { view } => {
+            let camera = crate::camera::from_json(&view.to_string());
+            viewer.view.snap(&camera.map_err(|problem| format!("this is no view: {problem:#}"))?);
+            viewer.pictures.are_stale = true;
+        }
+        ClientMessage::Compare { with } => match with.as_str() {
+            "nothing" => viewer.comparison.target = CompareTarget::Nothing,
+            "reference" => viewer.compare_with_reference(),
+            name => viewer.comparison.target = CompareTarget::Options(Some(preset(name)?)),
+        },
+        ClientMessage::CompareBy { mode, split, gain } => {
+            let comparison = &mut viewer.comparison;
+            comparison.mode = mode_of(mode);
+            comparison.split = split.filter(|split| split.is_finite()).unwrap_or(comparison.split).clamp(0.0, 1.0);
+            comparison.gain = gain.filter(|gain| gain.is_finite()).unwrap_or(comparison.gain).clamp(1.0, 1000.0);
+        }
+        ClientMessage::Explain { pixel } => viewer.requests.push(Request::Pick(inside(viewer, pixel)?)),
+        ClientMessage::Focus { pixel } => viewer.requests.push(Request::Focus(inside(viewer, pixel)?)),
+        ClientMessage::Show { scene, is_shown } => match viewer.scenes.layers.get_mut(scene) {
+            Some(layer) => layer.is_shown = [is_shown; 2],
+            None => return Err(format!("there is no scene {scene}")),
+        },
+        ClientMessage::Hello { .. }
+        | ClientMessage::Resize { .. }
+        | ClientMessage::Files { .. }
+        | ClientMessage::Open { .. }
+        | ClientMessage::Shown { .. }
+        | ClientMessage::Ping { .. } => return Err("this message is not for the viewer".to_owned()),
+    }
+    Ok(Vec::new())
+}
+
+fn named(name: &str, among: &[Action]) -> Result<Action, String> {
+    let found = ACTIONS.iter().find(|(action, known, ..)| *known == name && among.contains(action));
+    found.map(|(action, ..)| *action).ok_or_else(|| format!("there is no action {name} here"))
+}
+
+fn preset(name: &str) -> Result<Options, String> {
+    Options::preset(name).ok_or_else(|| format!("there is no preset {name}"))
+}
+
+/// A pixel of the picture.
+fn inside(viewer: &Viewer, pixel: [u32; 2]) -> Result<[u32; 2], String> {
+    let size = viewer.view.size;
+    let is_inside = (0..2).all(|i| pixel[i] < size[i]);
+    is_inside.then_some(pixel).ok_or_else(|| format!("the picture has no pixel {}, {}", pixel[0], pixel[1]))
+}
+
+fn look(viewer: &mut Viewer, name: &str, range: Option<[f32; 2]>) -> Result<(), String> {
+    let mode = view_mode(name).ok_or_else(|| format!("there is no view mode {name}"))?;
+    let settings = &mut viewer.inspector.settings;
+    let before = std::mem::replace(&mut settings.mode, mode);
+    if !settings.view_mode().suits(viewer.scenes.are_paged()) {
+        settings.mode = before;
+        return Err(format!("{name} does not suit this scene"));
+    }
+    if let Some([low, high]) = range {
+        if !(low.is_finite() && high.is_finite() && low < high) {
+            return Err("the low end of a scale is below the high end".to_owned());
+        }
+        settings.ranges[mode] = [low, high];
+    }
+    Ok(())
+}
+
+fn mode_of(mode: CompareBy) -> CompareMode {
+    match mode {
+        CompareBy::Split => CompareMode::Split,
+        CompareBy::Flicker => CompareMode::Flicker,
+        CompareBy::Difference => CompareMode::Difference,
+    }
+}
+
+/// The keys that are held with others from an event on; `None` if they are those before.
+fn held_keys(event: &InputEvent) -> Option<Modifiers> {
+    match event {
+        InputEvent::Button { held, .. } | InputEvent::Key { held, .. } => Some(modifiers(*held)),
+        InputEvent::Blur => Some(Modifiers::NONE),
+        _ => None,
+    }
+}
+
+fn modifiers(Held { shift, ctrl, alt }: Held) -> Modifiers {
+    Modifiers { alt, ctrl, shift, mac_cmd: false, command: ctrl }
+}
+
+/// The event of egui; `None` if it has none.
+fn input(viewer: &Viewer, event: &InputEvent) -> Result<Option<Event>, String> {
+    let place = |x: f32, y: f32| {
+        let is_near = [x, y].iter().all(|side| side.abs() < 1e6);
+        is_near.then_some(Pos2::new(x, y)).ok_or_else(|| "a position is far outside the picture".to_owned())
+    };
+    Ok(Some(match event {
+        InputEvent::Move { x, y } => Event::PointerMoved(place(*x, *y)?),
+        InputEvent::Button { x, y, button, is_pressed, held } => Event::PointerButton {
+            pos: place(*x, *y)?,
+            button: match button {
+                Button::Left => PointerButton::Primary,
+                Button::Middle => PointerButton::Middle,
+                Button::Right => PointerButton::Secondary,
+            },
+            pressed: *is_pressed,
+            modifiers: modifiers(*held),
+        },
+        InputEvent::Wheel { points } => Event::MouseWheel {
+            unit: MouseWheelUnit::Point,
+            delta: Vec2::new(0.0, if points.is_finite() { points.clamp(-2000.0, 2000.0) } else { 0.0 }),
+            phase: TouchPhase::Move,
+            modifiers: Modifiers::NONE,
+        },
+        InputEvent::Zoom { factor } => Event::Zoom(if factor.is_finite() { factor.clamp(0.1, 10.0) } else { 1.0 }),
+        InputEvent::Key { action, is_pressed, held } => match viewer.setup.bindings.chord(named(action, &HELD)?) {
+            Chord::Key(shortcut) => Event::Key {
+                key: shortcut.logical_key,
+                physical_key: None,
+                pressed: *is_pressed,
+                repeat: false,
+                modifiers: modifiers(*held),
+            },
+            // The keys that are held with others have an event of their own.
+            Chord::Held(_) => return Ok(None),
+        },
+        InputEvent::Gone => Event::PointerGone,
+        InputEvent::Blur => Event::WindowFocused(false),
+    }))
+}

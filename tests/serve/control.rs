@@ -1,0 +1,110 @@
+//! What a page can do with the viewer.
+
+use serde_json::{Value, json};
+
+use crate::client::Client;
+use crate::server::Server;
+
+fn knob(client: &Client, name: &str) -> String {
+    let knobs = client.welcome["knobs"].as_array().unwrap();
+    let place = knobs.iter().position(|knob| knob["name"] == name).unwrap();
+    client.state["knobs"][place].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn options_can_be_set_and_undone() {
+    let server = Server::start(&["cactus:2000"]);
+    let mut client = Client::connect(&server);
+    let before = client.exact();
+    client.until(|state| state["preset"] == "balanced");
+    client.say(json!({ "do": "preset", "name": "preview" }));
+    client.until(|state| state["preset"] == "preview");
+    client.exact();
+    client.say(json!({ "do": "set", "knob": "sh-degree", "value": "0" }));
+    client.until(|state| state["preset"].is_null());
+    assert_eq!(knob(&client, "sh-degree"), "0");
+    client.exact();
+    for _ in 0..2 {
+        client.say(json!({ "do": "act", "action": "undo" }));
+        client.exact();
+    }
+    client.until(|state| state["preset"] == "balanced");
+    client.say(json!({ "do": "view", "view": client.state["rest"]["view"] }));
+    client.say(json!({ "do": "resize", "size": [64, 64] }));
+    client.exact();
+    client.say(json!({ "do": "resize", "size": crate::client::SIZE }));
+    assert!(client.exact().png == before.png, "what was undone leaves nothing");
+    for (message, why) in [
+        (json!({ "do": "set", "knob": "sh-degree", "value": "9" }), "0 to 4"),
+        (json!({ "do": "set", "knob": "nonsense", "value": "9" }), "no knob"),
+        (json!({ "do": "set", "knob": "order", "value": "per-pixel" }), "order"),
+        (json!({ "do": "preset", "name": "best" }), "no preset"),
+        (json!({ "do": "look", "name": "nonsense", "range": null }), "no view mode"),
+        (json!({ "do": "look", "name": "depth", "range": [1, 0] }), "below"),
+        (json!({ "do": "camera", "index": 5 }), "no camera 5"),
+        (json!({ "do": "view", "view": { "position": "nowhere" } }), "no view"),
+        (json!({ "do": "act", "action": "quit" }), "no action"),
+        (json!({ "do": "act", "action": "screenshot" }), "no action"),
+        (json!({ "do": "explain", "pixel": [1_000_000, 0] }), "no pixel"),
+        (json!({ "do": "show", "scene": 7, "is_shown": true }), "no scene"),
+        (json!({ "do": "hello", "size": [1, 1] }), "not for the viewer"),
+    ] {
+        client.say(message.clone());
+        let told = client.told("refused");
+        assert!(told["why"].as_str().unwrap().contains(why), "{message}: {told}");
+    }
+}
+
+#[test]
+fn keys_fly_while_they_are_held() {
+    let server = Server::start(&["cactus:2000"]);
+    let mut client = Client::connect(&server);
+    let first = client.exact();
+    let forward = |is_pressed: bool| json!([{ "kind": "key", "action": "forward", "is_pressed": is_pressed }]);
+    client.input(forward(true));
+    let moving: Vec<_> = (0..4).map(|_| client.compressed()).collect();
+    assert!(moving.windows(2).all(|two| two[0].number < two[1].number && two[0].pixels != two[1].pixels));
+    client.input(forward(false));
+    let rest = client.exact();
+    assert!(rest.pixels != first.pixels);
+    // A page that loses the keyboard releases all keys.
+    client.input(forward(true));
+    client.compressed();
+    client.input(json!([{ "kind": "blur" }]));
+    client.exact();
+}
+
+#[test]
+fn looks_comparisons_and_pixels_are_shown() {
+    let server = Server::start(&["cactus:2000"]);
+    let mut client = Client::connect(&server);
+    let colours = client.exact();
+    client.say(json!({ "do": "look", "name": "depth", "range": [0.5, 20.0] }));
+    assert!(client.exact().pixels != colours.pixels);
+    client.until(|state| state["look"] == "depth" && state["range"] == json!([0.5, 20.0]));
+    client.say(json!({ "do": "look", "name": "colour", "range": null }));
+    assert!(client.exact().pixels == colours.pixels);
+    let centre = crate::client::SIZE.map(|side| side / 2);
+    client.say(json!({ "do": "explain", "pixel": centre }));
+    let explanation = client.until(|state| !state["explanation"].is_null())["explanation"].clone();
+    assert_eq!(explanation["pixel"], json!(centre));
+    let shares =
+        |list: &Value| list.as_array().unwrap().iter().map(|splat| splat["share"].as_f64().unwrap()).sum::<f64>();
+    let light = shares(&explanation["first"]) + explanation["transmittance"].as_f64().unwrap();
+    let is_whole = explanation["splats"].as_u64().unwrap() <= 100;
+    assert!(!is_whole || (light - 1.0).abs() < 0.01, "{explanation}");
+    client.say(json!({ "do": "act", "action": "escape" }));
+    client.until(|state| state["explanation"].is_null());
+    client.say(json!({ "do": "compare", "with": "preview" }));
+    let compared = client.until(|state| state["comparison"]["psnr"].is_f64())["comparison"].clone();
+    assert_eq!(compared["second"], "preview");
+    assert!((15.0..80.0).contains(&compared["psnr"].as_f64().unwrap()), "{compared}");
+    client.say(json!({ "do": "compare-by", "mode": "difference", "split": null, "gain": 10 }));
+    client.until(|state| state["comparison"]["mode"] == "difference");
+    client.say(json!({ "do": "compare", "with": "reference" }));
+    let compared = client
+        .until(|state| state["comparison"]["second"] == "float64 reference" && state["comparison"]["psnr"].is_f64());
+    assert!(compared["comparison"]["psnr"].as_f64().unwrap() > 45.0, "{compared}");
+    client.say(json!({ "do": "compare", "with": "nothing" }));
+    client.until(|state| state["comparison"].is_null());
+}

@@ -1,0 +1,202 @@
+//! The page in a browser, driven by its own protocol. Without Chromium there is nothing to test.
+
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+
+use base64::Engine;
+use serde_json::{Value, json};
+use tungstenite::{Message, WebSocket};
+
+use crate::server::Server;
+
+/// A browser with one page.
+struct Browser {
+    child: Child,
+    socket: WebSocket<TcpStream>,
+    last: u64,
+    _profile: tempfile::TempDir,
+}
+
+impl Browser {
+    /// Opens a page; `None` without Chromium.
+    fn open(url: &str, [width, height]: [u32; 2]) -> Option<Self> {
+        let profile = tempfile::tempdir().unwrap();
+        let mut command = Command::new("chromium");
+        command.args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--remote-debugging-port=0"]);
+        command.arg(format!("--window-size={width},{height}"));
+        command.arg(format!("--user-data-dir={}", profile.path().display())).arg(url);
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().ok()?;
+        let lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let devtools = lines
+            .map_while(Result::ok)
+            .find_map(|line| line.strip_prefix("DevTools listening on ws://").map(str::to_owned));
+        let devtools = devtools.expect("the address of the browser");
+        let (address, _) = devtools.split_once('/').unwrap();
+        // The browser lists its pages; the newest may not be there yet.
+        let socket = loop {
+            let list = get(address, "/json");
+            let pages: Value = serde_json::from_str(&list).unwrap();
+            let page = pages.as_array().unwrap().iter().find(|page| page["type"] == "page").cloned();
+            if let Some(page) = page {
+                let stream = TcpStream::connect(address).unwrap();
+                break tungstenite::client(page["webSocketDebuggerUrl"].as_str().unwrap(), stream).unwrap().0;
+            }
+        };
+        Some(Self { child, socket, last: 0, _profile: profile })
+    }
+
+    /// The result of a command of the protocol.
+    fn call(&mut self, method: &str, params: Value) -> Value {
+        self.last += 1;
+        let text = json!({ "id": self.last, "method": method, "params": params }).to_string();
+        self.socket.send(Message::Text(text.into())).unwrap();
+        loop {
+            let Message::Text(text) = self.socket.read().unwrap() else { continue };
+            let answer: Value = serde_json::from_str(&text).unwrap();
+            if answer["id"] == self.last {
+                assert!(answer["error"].is_null(), "{method}: {answer}");
+                return answer["result"].clone();
+            }
+        }
+    }
+
+    /// The value of an expression of the page.
+    fn value(&mut self, expression: &str) -> Value {
+        let params = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
+        let result = self.call("Runtime.evaluate", params);
+        assert!(result["exceptionDetails"].is_null(), "{expression}: {result}");
+        result["result"]["value"].clone()
+    }
+
+    /// Waits until an expression is true.
+    fn until(&mut self, expression: &str) {
+        let wait = format!(
+            "new Promise((done) => {{ const ask = () => ({expression}) ? done(true) : setTimeout(ask, 20); ask(); }})"
+        );
+        self.value(&wait);
+    }
+
+    fn mouse(&mut self, kind: &str, [x, y]: [f64; 2], button: &str) {
+        let pressed = i32::from(button == "left" && kind != "mouseReleased");
+        let params = json!({ "type": kind, "x": x, "y": y, "button": button, "buttons": pressed, "clickCount": 1 });
+        self.call("Input.dispatchMouseEvent", params);
+    }
+
+    fn key(&mut self, kind: &str, key: &str) {
+        self.call(
+            "Input.dispatchKeyEvent",
+            json!({ "type": kind, "key": key, "text": if kind == "keyDown" { key } else { "" } }),
+        );
+    }
+
+    /// The picture of the page as PNG; in the folder of `SMALTO_SCREENS`, if that is set.
+    fn screenshot(&mut self, name: &str) -> Vec<u8> {
+        let result = self.call("Page.captureScreenshot", json!({ "format": "png" }));
+        let file = base64::engine::general_purpose::STANDARD.decode(result["data"].as_str().unwrap()).unwrap();
+        if let Some(folder) = std::env::var_os("SMALTO_SCREENS") {
+            std::fs::write(std::path::Path::new(&folder).join(name), &file).unwrap();
+        }
+        file
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        _ = self.child.kill();
+        _ = self.child.wait();
+    }
+}
+
+/// The text that an address answers with.
+fn get(address: &str, path: &str) -> String {
+    use std::io::{Read, Write};
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").unwrap();
+    let mut text = String::new();
+    stream.read_to_string(&mut text).unwrap();
+    text.split_once("\r\n\r\n").unwrap().1.to_owned()
+}
+
+const EXACT: &str = "document.body.dataset.picture === 'exact'";
+/// A number that every other picture changes.
+const SUM: &str = "(() => { const p = context.getImageData(0, 0, canvas.width, canvas.height).data; \
+                   let sum = 0; for (let i = 0; i < p.length; i++) sum = (sum * 31 + p[i]) % 1000003; return sum; })()";
+
+#[test]
+fn a_page_shows_and_moves_a_scene() {
+    let mut server = Server::start(&["cactus:2000", "--token"]);
+    let Some(mut page) = Browser::open(&server.url(), [900, 560]) else { return };
+    page.until(EXACT);
+    assert_eq!(page.value("sessionStorage.getItem('token')"), json!(server.token));
+    let size = page.value("[canvas.width, canvas.height]");
+    assert_eq!(size, json!([560, 560]));
+    let first = page.value(SUM);
+    // The picture is the file of `smalto render`.
+    let file = page.value(
+        "exact.file.arrayBuffer().then((bytes) => btoa(Array.from(new Uint8Array(bytes), (b) => String.fromCharCode(b)).join('')))",
+    );
+    let file = base64::engine::general_purpose::STANDARD.decode(file.as_str().unwrap()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let out = crate::common::program::path(&folder, "view.png");
+    let command = page.value("state.rest.command").as_str().unwrap().replace('\'', "");
+    let words: Vec<_> = command.split(' ').skip(1).map(|word| if word == "view.png" { &out } else { word }).collect();
+    crate::common::program::ok(&words);
+    assert!(std::fs::read(&out).unwrap() == file, "{command}");
+    page.screenshot("serve.png");
+    // A drag turns the view, undo turns it back, and a wheel comes nearer.
+    page.mouse("mousePressed", [200.0, 200.0], "left");
+    page.mouse("mouseMoved", [260.0, 230.0], "left");
+    page.mouse("mouseReleased", [260.0, 230.0], "left");
+    page.until(&format!("{EXACT} && {SUM} !== {first}"));
+    let turned = page.value(SUM);
+    page.value("document.querySelector('[data-act=undo]').click()");
+    page.until(&format!("{EXACT} && {SUM} === {first}"));
+    page.call(
+        "Input.dispatchMouseEvent",
+        json!({ "type": "mouseWheel", "x": 200, "y": 200, "deltaX": 0, "deltaY": -200 }),
+    );
+    page.until(&format!("{EXACT} && {SUM} !== {first} && {SUM} !== {turned}"));
+    // Keys fly, and explain a pixel.
+    page.value("canvas.focus()");
+    let before = page.value("drawn");
+    page.key("keyDown", "w");
+    page.until(&format!("drawn > {before} + 3"));
+    page.key("keyUp", "w");
+    page.until(EXACT);
+    page.mouse("mouseMoved", [280.0, 280.0], "none");
+    page.key("keyDown", "x");
+    page.key("keyUp", "x");
+    page.until("state.explanation && document.querySelectorAll('#explained tbody tr').length > 0");
+    page.screenshot("serve-pixel.png");
+    // A comparison, and a view mode.
+    page.value("at('with').value = 'preview'; at('with').dispatchEvent(new Event('change'))");
+    page.until("at('compared').textContent.includes('dB')");
+    page.screenshot("serve-compare.png");
+    page.value("at('with').value = 'nothing'; at('with').dispatchEvent(new Event('change'))");
+    page.value("at('look').value = 'depth'; at('look').dispatchEvent(new Event('change'))");
+    page.until(&format!("state.look === 'depth' && {EXACT}"));
+    page.screenshot("serve-depth.png");
+    page.value("at('look').value = 'colour'; at('look').dispatchEvent(new Event('change'))");
+    // The view is in the address, so that it outlives the page and the server.
+    page.until(&format!("{EXACT} && state.look === 'colour' && state.comparison === null && !state.explanation"));
+    let (view, sum) = (page.value("location.hash"), page.value(SUM));
+    assert!(view.as_str().unwrap().contains("view=") && !view.as_str().unwrap().contains("token"));
+    page.call("Page.reload", json!({}));
+    page.until(&format!("typeof canvas === 'object' && {EXACT} && {SUM} === {sum}"));
+    let port = server.port;
+    drop(server);
+    page.until("at('what').textContent === 'not connected'");
+    page.screenshot("serve-lost.png");
+    server = Server::start_at(port, &["cactus:2000"]);
+    page.until(&format!("at('what').textContent !== 'not connected' && {EXACT} && {SUM} === {sum}"));
+    // A narrow page has its panel below.
+    page.call(
+        "Emulation.setDeviceMetricsOverride",
+        json!({ "width": 320, "height": 640, "deviceScaleFactor": 1, "mobile": false }),
+    );
+    page.until(&format!("canvas.width === 320 && {EXACT}"));
+    page.screenshot("serve-narrow.png");
+    assert_eq!(page.value("document.documentElement.scrollWidth <= 320"), true);
+    assert!(server.is_running());
+}
