@@ -12,7 +12,7 @@ for candidate in apt-get dnf pacman; do
 done
 
 # CMake, make, git, Python and the C++ compiler build the shader compiler. The tests need the validation layer, Xvfb,
-# openbox and weston.
+# openbox, weston and Chromium.
 names=() packages=()
 while read -r name apt dnf pacman check; do
     if $check; then continue; fi
@@ -41,6 +41,7 @@ xkbcommon libxkbcommon-x11-0      libxkbcommon-x11         libxkbcommon-x11     
 xvfb      xvfb                    xorg-x11-server-Xvfb     xorg-server-xvfb         has Xvfb
 openbox   openbox                 openbox                  openbox                  has openbox
 weston    weston                  weston                   weston                   has weston-screenshooter
+chromium  chromium                chromium                 chromium                 has chromium
 TABLE
 [ ${#names[@]} -eq 0 ] && exit 0
 

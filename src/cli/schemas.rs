@@ -32,6 +32,10 @@ const SCHEMAS: &[Entry] = &[
     ("places", || schema_for!(InstancesFile)),
     ("prune", || schema_for!(prune::Report)),
     ("render", || schema_for!(super::render::Report)),
+    #[cfg(feature = "serve")]
+    ("serve-client", || schema_for!(crate::viewer::remote::ClientMessage)),
+    #[cfg(feature = "serve")]
+    ("serve-server", || schema_for!(crate::viewer::remote::ServerMessage)),
     ("trade", || schema_for!(trade::Report)),
     #[cfg(feature = "viewer")]
     ("view-events", || schema_for!(crate::viewer::Event)),

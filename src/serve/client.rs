@@ -39,6 +39,8 @@ pub struct Client {
     link: Link,
     /// What the user did since the last frame.
     input: Vec<egui::Event>,
+    /// Number of the last message of what the user did.
+    answered: u32,
     /// Number of the newest picture, also for the threads that compress older ones.
     newest: Arc<AtomicU32>,
     /// Number of the newest picture that the page shows.
@@ -93,6 +95,7 @@ impl Client {
             events,
             link: Link::default(),
             input,
+            answered: 0,
             newest: Arc::default(),
             shown: 0,
             picture,
@@ -145,6 +148,9 @@ impl Client {
             };
         }
         let Said { at, message, file } = said;
+        if let ClientMessage::Input { number, .. } = message {
+            self.answered = number;
+        }
         let done = match message {
             ClientMessage::Shown { picture } => {
                 self.shown = self.shown.max(picture.min(self.newest.load(Ordering::Relaxed)));
@@ -252,12 +258,12 @@ impl Client {
     fn send_compressed(&mut self, picture: Arc<ShownPicture>) {
         let number = self.newest.fetch_add(1, Ordering::Relaxed) + 1;
         let pixels = picture.size.map(u64::from).iter().product();
-        let level = self.link.level(pixels);
+        let (level, answered) = (self.link.level(pixels), self.answered);
         self.picture = Some(picture.clone());
         self.is_exact = false;
         let (id, outbox, newest, events) = (self.id, self.outbox.clone(), self.newest.clone(), self.events.clone());
         rayon::spawn(move || {
-            let jpeg = match picture.compressed(number, level) {
+            let jpeg = match picture.compressed([number, answered], level) {
                 Ok(jpeg) => jpeg,
                 Err(problem) => return outbox.end(format!("{problem:#}")),
             };
@@ -277,9 +283,9 @@ impl Client {
         let Some(picture) = self.picture.clone() else { return };
         let number = self.newest.fetch_add(1, Ordering::Relaxed) + 1;
         self.is_exact = true;
-        let outbox = self.outbox.clone();
+        let (outbox, answered) = (self.outbox.clone(), self.answered);
         rayon::spawn(move || match picture.png() {
-            Ok(file) => outbox.exact(number, picture.size, file),
+            Ok(file) => outbox.exact([number, answered], picture.size, file),
             Err(problem) => outbox.end(format!("{problem:#}")),
         });
     }

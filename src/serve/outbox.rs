@@ -28,7 +28,7 @@ struct Waiting {
 
 /// A PNG that is sent in parts.
 struct Exact {
-    number: u32,
+    numbers: [u32; 2],
     size: [u32; 2],
     file: Vec<u8>,
     begin: usize,
@@ -81,11 +81,12 @@ impl Outbox {
     }
 
     /// Sends the PNG of a picture, unless there is a newer one.
-    pub fn exact(&self, number: u32, size: [u32; 2], file: Vec<u8>) {
+    /// `numbers` are those of [`png_part`].
+    pub fn exact(&self, numbers: [u32; 2], size: [u32; 2], file: Vec<u8>) {
         self.change(|waiting| {
-            if waiting.newest < number {
-                waiting.newest = number;
-                waiting.exact = Some(Exact { number, size, file, begin: 0 });
+            if waiting.newest < numbers[0] {
+                waiting.newest = numbers[0];
+                waiting.exact = Some(Exact { numbers, size, file, begin: 0 });
             }
         });
     }
@@ -118,7 +119,7 @@ impl Outbox {
             return Some(Outgoing::Binary(message));
         }
         let exact = waiting.exact.as_mut()?;
-        let message = png_part(exact.number, exact.size, &exact.file, exact.begin);
+        let message = png_part(exact.numbers, exact.size, &exact.file, exact.begin);
         exact.begin += PART_BYTES;
         if exact.begin >= exact.file.len() {
             waiting.exact = None;
@@ -159,11 +160,11 @@ mod tests {
     #[test]
     fn a_newer_picture_stops_a_png() {
         let outbox = Outbox::default();
-        outbox.exact(1, [1, 1], vec![0; 3 * PART_BYTES]);
+        outbox.exact([1, 0], [1, 1], vec![0; 3 * PART_BYTES]);
         assert!(matches!(outbox.take(), Some(Outgoing::Binary(part)) if part.len() > PART_BYTES));
         outbox.picture(2, vec![2]);
         assert_eq!([outbox.take(), outbox.take()], [Some(Outgoing::Binary(vec![2])), None]);
-        outbox.exact(1, [1, 1], vec![0]);
+        outbox.exact([1, 0], [1, 1], vec![0]);
         assert_eq!(outbox.take(), None);
     }
 

@@ -1,9 +1,10 @@
 //! Pictures as messages: JPEG in strips, on all cores, while the view moves, and PNG without loss at rest.
 //!
-//! A binary message is a header of 32-bit little-endian words and the bytes of files. The header has the kind, the
-//! number of the picture, its width and its height in pixels, the reduction of [`Level`], and a count. JPEG: after it
-//! come, for each strip, its first row, its rows and its bytes, then the files. PNG, in parts: after it come the place of
-//! the part in the file and the bytes of the file, then the part.
+//! A binary message is a header of 32-bit little-endian words and the bytes of files. The header has the kind (1: JPEG,
+//! 2: PNG), the number of the picture, the number of the last message `input` that it answers, its width and its height
+//! in pixels, and two words of its kind. JPEG: these are the reduction of [`Level`] and the number of strips; for each
+//! strip follow its first row, its rows and its bytes, then the files. PNG, in parts: these are the place of the part in
+//! the file and the bytes of the file; the part follows.
 
 use anyhow::Result;
 use jpeg_encoder::{ColorType, Encoder};
@@ -37,7 +38,7 @@ struct Strip {
 
 /// A compressed picture.
 pub struct Jpeg {
-    pub number: u32,
+    numbers: [u32; 2],
     size: [u32; 2],
     level: Level,
     strips: Vec<Strip>,
@@ -66,11 +67,12 @@ impl ShownPicture {
         (columns, lines, rgb)
     }
 
-    /// Compresses the picture, each strip on a core of its own.
+    /// Compresses the picture, each strip on a core of its own. `numbers` are those of the picture and of the input that
+    /// it answers.
     ///
     /// # Errors
     /// If JPEG cannot hold pictures of this size.
-    pub fn compressed(&self, number: u32, level: Level) -> Result<Jpeg> {
+    pub fn compressed(&self, numbers: [u32; 2], level: Level) -> Result<Jpeg> {
         let height = self.size[1];
         let unit = BLOCK * level.reduction;
         let strips = (rayon::current_num_threads() as u32).clamp(1, 16);
@@ -91,7 +93,7 @@ impl ShownPicture {
             Ok(Strip { top: *top, rows: end - top, file })
         };
         let strips = tops.par_iter().map(strip).collect::<Result<_>>()?;
-        Ok(Jpeg { number, size: self.size, level, strips })
+        Ok(Jpeg { numbers, size: self.size, level, strips })
     }
 
     /// The file that `smalto render` writes of these pixels.
@@ -141,8 +143,9 @@ fn header(words: &[u32], bytes: usize) -> Vec<u8> {
 impl Jpeg {
     /// The message of the picture.
     pub fn message(&self) -> Vec<u8> {
-        let [width, height] = self.size;
-        let mut words = vec![KIND_JPEG, self.number, width, height, self.level.reduction, self.strips.len() as u32];
+        let ([number, answered], [width, height]) = (self.numbers, self.size);
+        let strips = self.strips.len() as u32;
+        let mut words = vec![KIND_JPEG, number, answered, width, height, self.level.reduction, strips];
         words.extend(self.strips.iter().flat_map(|strip| [strip.top, strip.rows, strip.file.len() as u32]));
         let mut message = header(&words, self.strips.iter().map(|strip| strip.file.len()).sum());
         self.strips.iter().for_each(|strip| message.extend(&strip.file));
@@ -150,10 +153,11 @@ impl Jpeg {
     }
 }
 
-/// The message of the part of a PNG that begins at this byte.
-pub fn png_part(number: u32, [width, height]: [u32; 2], file: &[u8], begin: usize) -> Vec<u8> {
+/// The message of the part of a PNG that begins at this byte. The numbers are those of the picture and of the input
+/// that it answers.
+pub fn png_part([number, answered]: [u32; 2], [width, height]: [u32; 2], file: &[u8], begin: usize) -> Vec<u8> {
     let part = &file[begin..(begin + PART_BYTES).min(file.len())];
-    let words = [KIND_PNG, number, width, height, 1, 1, begin as u32, file.len() as u32];
+    let words = [KIND_PNG, number, answered, width, height, begin as u32, file.len() as u32];
     let mut message = header(&words, part.len());
     message.extend(part);
     message
@@ -176,10 +180,10 @@ mod tests {
         for size in [[1, 1], [17, 33], [200, 131]] {
             let picture = picture(size);
             let loss = |quality, reduction| {
-                let jpeg = picture.compressed(7, Level { quality, reduction }).unwrap();
+                let jpeg = picture.compressed([7, 9], Level { quality, reduction }).unwrap();
                 let rows: u32 = jpeg.strips.iter().map(|strip| strip.rows).sum();
                 assert_eq!(rows, size[1]);
-                assert_eq!(jpeg.message()[..8], [1, 0, 0, 0, 7, 0, 0, 0]);
+                assert_eq!(jpeg.message()[..12], [1, 0, 0, 0, 7, 0, 0, 0, 9, 0, 0, 0]);
                 picture.loss(&jpeg).unwrap().unwrap_or(f64::INFINITY)
             };
             let losses = [loss(95, 1), loss(50, 1), loss(50, 2)];
@@ -191,11 +195,11 @@ mod tests {
     fn parts_of_a_png_make_the_file() {
         let picture = picture([300, 200]);
         let file = picture.png().unwrap();
-        let mut joined = Vec::new();
+        let mut joined = Vec::<u8>::new();
         while joined.len() < file.len() {
-            let part = png_part(3, picture.size, &file, joined.len());
-            assert_eq!(part[24..28], (joined.len() as u32).to_le_bytes());
-            joined.extend(&part[32..]);
+            let part = png_part([3, 0], picture.size, &file, joined.len());
+            assert_eq!(part[20..24], (joined.len() as u32).to_le_bytes());
+            joined.extend_from_slice(&part[28..]);
         }
         assert_eq!(joined, file);
         let read = image::load_from_memory(&file).unwrap().into_rgba8();

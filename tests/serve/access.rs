@@ -78,7 +78,8 @@ fn files_are_opened_in_the_folder_alone() {
     // The others go on with their scenes.
     let mut other = Client::connect(&server);
     assert_eq!(other.until(|state| !state["rest"].is_null())["scenes"].as_array().unwrap().len(), 1);
-    let mut without = Client::connect(&Server::start(&["cactus:200"]));
+    let server = Server::start(&["cactus:200"]);
+    let mut without = Client::connect(&server);
     without.say(json!({ "do": "files", "folder": "" }));
     assert!(without.told("refused")["why"].as_str().unwrap().contains("--folder"));
 }

@@ -26,11 +26,14 @@ pub struct Client {
     parts: Vec<u8>,
     /// True to say that pictures are shown.
     pub confirms: bool,
+    inputs: u32,
 }
 
 /// A picture that a page gets.
 pub struct Picture {
     pub number: u32,
+    /// The last input that it answers.
+    pub answered: u32,
     pub size: [u32; 2],
     /// The file of a picture without loss.
     pub png: Option<Vec<u8>>,
@@ -70,6 +73,7 @@ impl Client {
             said: serde_json::Map::new(),
             parts: Vec::new(),
             confirms: true,
+            inputs: 0,
         };
         client.say(hello);
         while client.welcome.is_null() {
@@ -88,7 +92,8 @@ impl Client {
     }
 
     pub fn input(&mut self, events: Value) {
-        self.say(json!({ "do": "input", "events": events }));
+        self.inputs += 1;
+        self.say(json!({ "do": "input", "number": self.inputs, "events": events }));
     }
 
     /// The next message.
@@ -116,13 +121,13 @@ impl Client {
 
     fn picture(&mut self, bytes: &[u8]) -> Option<Picture> {
         let word = |i: usize| u32::from_le_bytes(bytes[4 * i..4 * i + 4].try_into().unwrap());
-        let (number, size, reduction) = (word(1), [word(2), word(3)], word(4));
+        let (number, answered, size) = (word(1), word(2), [word(3), word(4)]);
         let (png, pixels) = if word(0) == 1 {
             let mut pixels = RgbImage::new(size[0], size[1]);
-            let count = word(5) as usize;
-            let mut place = 24 + 12 * count;
+            let (reduction, count) = (word(5), word(6) as usize);
+            let mut place = 28 + 12 * count;
             for strip in 0..count {
-                let [top, rows, length] = [0, 1, 2].map(|i| word(6 + 3 * strip + i));
+                let [top, rows, length] = [0, 1, 2].map(|i| word(7 + 3 * strip + i));
                 let file = &bytes[place..place + length as usize];
                 place += length as usize;
                 let read = image::load_from_memory_with_format(file, image::ImageFormat::Jpeg).unwrap().into_rgb8();
@@ -135,12 +140,12 @@ impl Client {
             assert_eq!(place, bytes.len());
             (None, pixels)
         } else {
-            if word(6) == 0 {
+            if word(5) == 0 {
                 self.parts.clear();
             }
-            assert_eq!(self.parts.len(), word(6) as usize);
-            self.parts.extend(&bytes[32..]);
-            if self.parts.len() < word(7) as usize {
+            assert_eq!(self.parts.len(), word(5) as usize);
+            self.parts.extend(&bytes[28..]);
+            if self.parts.len() < word(6) as usize {
                 return None;
             }
             let file = std::mem::take(&mut self.parts);
@@ -150,7 +155,7 @@ impl Client {
         if self.confirms {
             self.say(json!({ "do": "shown", "picture": number }));
         }
-        Some(Picture { number, size, png, pixels })
+        Some(Picture { number, answered, size, png, pixels })
     }
 
     /// The next picture without loss.
@@ -192,15 +197,6 @@ impl Client {
                 Heard::Text(text) if text["say"] == kind => return text,
                 Heard::End(why) => panic!("{why}"),
                 _ => {}
-            }
-        }
-    }
-
-    /// Why the connection ends.
-    pub fn end(&mut self) -> String {
-        loop {
-            if let Heard::End(why) = self.hear() {
-                return why;
             }
         }
     }

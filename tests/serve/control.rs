@@ -61,11 +61,13 @@ fn keys_fly_while_they_are_held() {
     let mut client = Client::connect(&server);
     let first = client.exact();
     let forward = |is_pressed: bool| json!([{ "kind": "key", "action": "forward", "is_pressed": is_pressed }]);
+    assert_eq!(first.answered, 0);
     client.input(forward(true));
     let moving: Vec<_> = (0..4).map(|_| client.compressed()).collect();
     assert!(moving.windows(2).all(|two| two[0].number < two[1].number && two[0].pixels != two[1].pixels));
     client.input(forward(false));
     let rest = client.exact();
+    assert_eq!(rest.answered, 2);
     assert!(rest.pixels != first.pixels);
     // A page that loses the keyboard releases all keys.
     client.input(forward(true));

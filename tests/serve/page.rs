@@ -1,14 +1,18 @@
 //! The page in a browser, driven by its own protocol. Without Chromium there is nothing to test.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
 
 use base64::Engine;
 use serde_json::{Value, json};
 use tungstenite::{Message, WebSocket};
 
 use crate::server::Server;
+
+/// Time within which a page of a busy machine does something.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A browser with one page.
 struct Browser {
@@ -20,19 +24,22 @@ struct Browser {
 
 impl Browser {
     /// Opens a page; `None` without Chromium.
-    fn open(url: &str, [width, height]: [u32; 2]) -> Option<Self> {
+    fn open(url: &str, size: [u32; 2]) -> Option<Self> {
         let profile = tempfile::tempdir().unwrap();
         let mut command = Command::new("chromium");
         command.args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--remote-debugging-port=0"]);
-        command.arg(format!("--window-size={width},{height}"));
         command.arg(format!("--user-data-dir={}", profile.path().display())).arg(url);
-        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().ok()?;
-        let lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        let devtools = lines
-            .map_while(Result::ok)
-            .find_map(|line| line.strip_prefix("DevTools listening on ws://").map(str::to_owned));
-        let devtools = devtools.expect("the address of the browser");
-        let (address, _) = devtools.split_once('/').unwrap();
+        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok()?;
+        let started = Instant::now();
+        let address = loop {
+            assert!(started.elapsed() < PATIENCE, "the browser does not start");
+            let file = std::fs::read_to_string(profile.path().join("DevToolsActivePort")).unwrap_or_default();
+            match file.lines().next().filter(|port| !port.is_empty()) {
+                Some(port) => break format!("localhost:{port}"),
+                None => std::thread::sleep(Duration::from_millis(20)),
+            }
+        };
+        let address = address.as_str();
         // The browser lists its pages; the newest may not be there yet.
         let socket = loop {
             let list = get(address, "/json");
@@ -40,14 +47,21 @@ impl Browser {
             let page = pages.as_array().unwrap().iter().find(|page| page["type"] == "page").cloned();
             if let Some(page) = page {
                 let stream = TcpStream::connect(address).unwrap();
+                stream.set_read_timeout(Some(PATIENCE)).unwrap();
                 break tungstenite::client(page["webSocketDebuggerUrl"].as_str().unwrap(), stream).unwrap().0;
             }
         };
-        Some(Self { child, socket, last: 0, _profile: profile })
+        let mut browser = Self { child, socket, last: 0, _profile: profile };
+        browser.resize(size);
+        Some(browser)
     }
 
-    /// The result of a command of the protocol.
     fn call(&mut self, method: &str, params: Value) -> Value {
+        self.answer(method, params).unwrap_or_else(|problem| panic!("{method}: {problem}"))
+    }
+
+    /// The result of a command of the protocol, or its error.
+    fn answer(&mut self, method: &str, params: Value) -> Result<Value, Value> {
         self.last += 1;
         let text = json!({ "id": self.last, "method": method, "params": params }).to_string();
         self.socket.send(Message::Text(text.into())).unwrap();
@@ -55,8 +69,7 @@ impl Browser {
             let Message::Text(text) = self.socket.read().unwrap() else { continue };
             let answer: Value = serde_json::from_str(&text).unwrap();
             if answer["id"] == self.last {
-                assert!(answer["error"].is_null(), "{method}: {answer}");
-                return answer["result"].clone();
+                return if answer["error"].is_null() { Ok(answer["result"].clone()) } else { Err(answer) };
             }
         }
     }
@@ -69,12 +82,24 @@ impl Browser {
         result["result"]["value"].clone()
     }
 
-    /// Waits until an expression is true.
+    /// Waits until an expression is true, also while the page is loaded again.
     fn until(&mut self, expression: &str) {
-        let wait = format!(
-            "new Promise((done) => {{ const ask = () => ({expression}) ? done(true) : setTimeout(ask, 20); ask(); }})"
-        );
-        self.value(&wait);
+        let started = Instant::now();
+        let asked = format!("(() => {{ try {{ return !!({expression}); }} catch (_) {{ return false; }} }})()");
+        loop {
+            let params = json!({ "expression": asked, "returnByValue": true });
+            match self.answer("Runtime.evaluate", params) {
+                Ok(result) if result["result"]["value"] == true => return,
+                _ => std::thread::sleep(Duration::from_millis(20)),
+            }
+            assert!(started.elapsed() < PATIENCE, "{expression}");
+        }
+    }
+
+    /// Gives the page another size.
+    fn resize(&mut self, [width, height]: [u32; 2]) {
+        let params = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
+        self.call("Emulation.setDeviceMetricsOverride", params);
     }
 
     fn mouse(&mut self, kind: &str, [x, y]: [f64; 2], button: &str) {
@@ -83,11 +108,10 @@ impl Browser {
         self.call("Input.dispatchMouseEvent", params);
     }
 
+    /// Presses or releases a key: `keyDown` or `keyUp`.
     fn key(&mut self, kind: &str, key: &str) {
-        self.call(
-            "Input.dispatchKeyEvent",
-            json!({ "type": kind, "key": key, "text": if kind == "keyDown" { key } else { "" } }),
-        );
+        let text = if kind == "keyDown" && key.len() == 1 { key } else { "" };
+        self.call("Input.dispatchKeyEvent", json!({ "type": kind, "key": key, "text": text }));
     }
 
     /// The picture of the page as PNG; in the folder of `SMALTO_SCREENS`, if that is set.
@@ -108,14 +132,23 @@ impl Drop for Browser {
     }
 }
 
-/// The text that an address answers with.
+/// The text that an address answers with. The browser keeps the connection open.
 fn get(address: &str, path: &str) -> String {
-    use std::io::{Read, Write};
     let mut stream = TcpStream::connect(address).unwrap();
-    write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").unwrap();
-    let mut text = String::new();
-    stream.read_to_string(&mut text).unwrap();
-    text.split_once("\r\n\r\n").unwrap().1.to_owned()
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\n\r\n").unwrap();
+    let (mut reader, mut length) = (BufReader::new(stream), 0);
+    loop {
+        let mut line = String::new();
+        reader.read_line(&mut line).unwrap();
+        match line.trim().to_lowercase().split_once(':') {
+            Some(("content-length", value)) => length = value.trim().parse().unwrap(),
+            None if line.trim().is_empty() => break,
+            _ => {}
+        }
+    }
+    let mut text = vec![0; length];
+    reader.read_exact(&mut text).unwrap();
+    String::from_utf8(text).unwrap()
 }
 
 const EXACT: &str = "document.body.dataset.picture === 'exact'";
@@ -127,7 +160,7 @@ const SUM: &str = "(() => { const p = context.getImageData(0, 0, canvas.width, c
 fn a_page_shows_and_moves_a_scene() {
     let mut server = Server::start(&["cactus:2000", "--token"]);
     let Some(mut page) = Browser::open(&server.url(), [900, 560]) else { return };
-    page.until(EXACT);
+    page.until(&format!("{EXACT} && canvas.height === 560"));
     assert_eq!(page.value("sessionStorage.getItem('token')"), json!(server.token));
     let size = page.value("[canvas.width, canvas.height]");
     assert_eq!(size, json!([560, 560]));
@@ -178,6 +211,8 @@ fn a_page_shows_and_moves_a_scene() {
     page.until(&format!("state.look === 'depth' && {EXACT}"));
     page.screenshot("serve-depth.png");
     page.value("at('look').value = 'colour'; at('look').dispatchEvent(new Event('change'))");
+    page.value("canvas.focus()");
+    page.key("keyDown", "Escape");
     // The view is in the address, so that it outlives the page and the server.
     page.until(&format!("{EXACT} && state.look === 'colour' && state.comparison === null && !state.explanation"));
     let (view, sum) = (page.value("location.hash"), page.value(SUM));
@@ -191,10 +226,7 @@ fn a_page_shows_and_moves_a_scene() {
     server = Server::start_at(port, &["cactus:2000"]);
     page.until(&format!("at('what').textContent !== 'not connected' && {EXACT} && {SUM} === {sum}"));
     // A narrow page has its panel below.
-    page.call(
-        "Emulation.setDeviceMetricsOverride",
-        json!({ "width": 320, "height": 640, "deviceScaleFactor": 1, "mobile": false }),
-    );
+    page.resize([320, 640]);
     page.until(&format!("canvas.width === 320 && {EXACT}"));
     page.screenshot("serve-narrow.png");
     assert_eq!(page.value("document.documentElement.scrollWidth <= 320"), true);

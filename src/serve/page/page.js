@@ -68,6 +68,7 @@ function connect() {
   socket.onopen = () => {
     drawn = 0;
     parts = null;
+    asked.length = 0;
     say({ do: 'hello', token, size: size(), view: lastView });
   };
   socket.onmessage = ({ data }) => {
@@ -90,7 +91,9 @@ function hear(message) {
       welcome = message;
       attempts = 0;
       notice('');
+      names = [];
       build();
+      showCameras();
       if (changed.preset) say({ do: 'preset', name: changed.preset });
       for (const [knob, value] of Object.entries(changed.knobs)) say({ do: 'set', knob, value });
       if (changed.look) say({ do: 'look', name: changed.look, range: null });
@@ -130,13 +133,14 @@ function notice(text) {
 async function showPicture(data) {
   const words = new DataView(data);
   const word = (i) => words.getUint32(4 * i, true);
-  const [kind, number, width, height, reduction, count] = [0, 1, 2, 3, 4, 5].map(word);
+  const [kind, number, answered, width, height] = [0, 1, 2, 3, 4].map(word);
   let draw;
   if (kind === 1) {
-    let place = 24 + 12 * count;
+    const [reduction, count] = [word(5), word(6)];
+    let place = 28 + 12 * count;
     const strips = [];
     for (let i = 0; i < count; i++) {
-      const [top, rows, bytes] = [6 + 3 * i, 7 + 3 * i, 8 + 3 * i].map(word);
+      const [top, rows, bytes] = [7 + 3 * i, 8 + 3 * i, 9 + 3 * i].map(word);
       strips.push({ top, rows, file: new Blob([new Uint8Array(data, place, bytes)], { type: 'image/jpeg' }) });
       place += bytes;
     }
@@ -150,11 +154,11 @@ async function showPicture(data) {
       });
     };
   } else {
-    const [begin, bytes] = [word(6), word(7)];
+    const [begin, bytes] = [word(5), word(6)];
     if (begin === 0) parts = { number, bytes, have: 0, all: [] };
     if (!parts || parts.number !== number) return;
-    parts.all.push(new Uint8Array(data, 32));
-    parts.have += data.byteLength - 32;
+    parts.all.push(new Uint8Array(data, 28));
+    parts.have += data.byteLength - 28;
     if (parts.have < bytes) return;
     const file = new Blob(parts.all, { type: 'image/png' });
     parts = null;
@@ -175,6 +179,7 @@ async function showPicture(data) {
     draw();
     if (kind === 1) exact = null;
     shownTimes.push(performance.now());
+    answer(answered);
     showWhat();
   }
   say({ do: 'shown', picture: number });
@@ -182,11 +187,22 @@ async function showPicture(data) {
 
 const shownTimes = [];
 
+// The time from what the user does to the picture that answers it.
+const asked = [];
+let inputs = 0;
+let latency = null;
+function answer(number) {
+  const count = asked.filter(([asking]) => asking <= number).length;
+  const [first] = asked.splice(0, count);
+  if (first) latency = performance.now() - first[1];
+}
+
 function showWhat() {
   const what = at('what');
   what.classList.toggle('is-exact', !!exact);
   let text = 'connecting';
-  if (socket && exact) text = 'exact: the pixels of smalto render';
+  if (socket && exact && state && state.look === 'colour' && !state.comparison) text = 'exact: the pixels of smalto render';
+  else if (socket && exact) text = 'without loss';
   else if (socket && drawn) {
     const db = loss && loss.picture >= drawn - 3 ? (loss.psnr === null ? 'no pixel differs' : `${loss.psnr.toFixed(1)} dB`) : '';
     text = `compressed${db ? `, ${db}` : ''}`;
@@ -206,6 +222,7 @@ setInterval(() => {
   const list = [];
   if (shownTimes.length > 1) list.push(`${shownTimes.length} pictures/s`);
   if (bits > 0.05) list.push(`${bits.toFixed(1)} Mbit/s`);
+  if (latency !== null && shownTimes.length > 1) list.push(`input to picture ${latency.toFixed(0)} ms`);
   if (roundTrip !== null) list.push(`round trip ${roundTrip.toFixed(0)} ms`);
   at('pace').textContent = list.join(', ');
 }, 500);
@@ -287,8 +304,9 @@ function put(input, value) {
 }
 
 function showCameras() {
+  at('cameras').hidden = !names.length;
   const chosen = state && state.camera !== null ? String(state.camera) : '';
-  at('camera').replaceChildren(option('', names.length ? `none of ${names.length}` : 'no camera file'), ...names.map((name, i) => option(i, `${i}: ${name}`)));
+  at('camera').replaceChildren(option('', `none of ${names.length}`), ...names.map((name, i) => option(i, `${i}: ${name}`)));
   at('camera').value = chosen;
 }
 
@@ -370,7 +388,7 @@ function showComparison() {
 
 function showExplanation() {
   const explained = state.explanation;
-  at('mark').hidden = !explained;
+  at('mark').hidden = !explained || !explained.is_of_view;
   if (!explained) {
     at('explained').replaceChildren();
     return;
@@ -485,7 +503,11 @@ function input(event) {
 
 function flush() {
   sending = false;
-  if (pending.length) say({ do: 'input', events: pending.splice(0, 200) });
+  if (pending.length) {
+    inputs += 1;
+    if (asked.length < 1000) asked.push([inputs, performance.now()]);
+    say({ do: 'input', number: inputs, events: pending.splice(0, 200) });
+  }
   if (pending.length) input(pending.pop());
 }
 

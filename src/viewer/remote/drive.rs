@@ -48,10 +48,10 @@ const MAX_EVENTS: usize = 256;
 pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>, String> {
     let viewer = &mut session.viewer;
     match message {
-        ClientMessage::Input { events } if events.len() > MAX_EVENTS => {
+        ClientMessage::Input { events, .. } if events.len() > MAX_EVENTS => {
             return Err(format!("a message has {MAX_EVENTS} events at most"));
         }
-        ClientMessage::Input { events } => {
+        ClientMessage::Input { events, .. } => {
             let mut all = Vec::new();
             for event in &events {
                 all.extend(held_keys(event).map(Event::ModifiersChanged));

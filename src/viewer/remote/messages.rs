@@ -1,4 +1,5 @@
-//! The messages between a page and the server: JSON texts, described by `docs/schemas/serve.schema.json`.
+//! The messages between a page and the server: JSON texts, described by `serve-client` and `serve-server` in
+//! `docs/schemas/`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,7 +18,12 @@ pub enum ClientMessage {
         view: Option<serde_json::Value>,
     },
     /// What the user did with pointer and keys, in this order.
-    Input { events: Vec<InputEvent> },
+    Input {
+        /// Pictures name the last one that they answer.
+        #[serde(default)]
+        number: u32,
+        events: Vec<InputEvent>,
+    },
     /// Pictures get this width and height in pixels.
     Resize { size: [u32; 2] },
     /// Do what the key of an action does: a name of `actions` in [`ServerMessage::Welcome`].
@@ -280,6 +286,8 @@ pub struct ComparisonEntry {
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct ExplanationEntry {
     pub pixel: [u32; 2],
+    /// The picture still has the view of the explanation.
+    pub is_of_view: bool,
     pub colour: [f32; 3],
     /// World units along the view; null where nothing is drawn.
     pub depth: Option<f32>,
@@ -326,7 +334,7 @@ mod tests {
         let parsed = ClientMessage::parse(r#"{"do":"input","events":[{"kind":"move","x":1,"y":2.5},{"kind":"gone"}]}"#);
         assert_eq!(
             parsed,
-            Ok(ClientMessage::Input { events: vec![InputEvent::Move { x: 1.0, y: 2.5 }, InputEvent::Gone] })
+            Ok(ClientMessage::Input { number: 0, events: vec![InputEvent::Move { x: 1.0, y: 2.5 }, InputEvent::Gone] })
         );
         let key =
             r#"{"do":"input","events":[{"kind":"key","action":"forward","is_pressed":true,"held":{"shift":true}}]}"#;

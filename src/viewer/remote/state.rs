@@ -139,7 +139,7 @@ fn comparison(session: &Session) -> Option<ComparisonEntry> {
 }
 
 fn explanation(session: &Session, explained: &ExplainedPixel) -> ExplanationEntry {
-    let ExplainedPixel { pixel, explanation, .. } = explained;
+    let ExplainedPixel { pixel, view, explanation, .. } = explained;
     let splats = explanation.splats.iter().take(MAX_SPLATS).map(|splat| SplatEntry {
         gaussian: splat.gaussian,
         depth: splat.depth,
@@ -149,6 +149,7 @@ fn explanation(session: &Session, explained: &ExplainedPixel) -> ExplanationEntr
     });
     ExplanationEntry {
         pixel: *pixel,
+        is_of_view: *view == session.viewer.view.camera(),
         colour: explanation.colour(session.viewer.view.background),
         depth: explanation.depth(),
         splats: explanation.splats.len(),
