@@ -24,7 +24,7 @@ const BUDGET: &str = "max-error min-psnr";
 const PLACE: &str = "eye target camera-up fov";
 const LENS: &str = "lens undistort response";
 
-const COMMANDS: [Pairs; 10] = [
+const COMMANDS: [Pairs; 11] = [
     Pairs {
         command: "render",
         needed: &[],
@@ -87,6 +87,19 @@ const COMMANDS: [Pairs; 10] = [
             ("path", "cameras camera fullscreen vsync"),
             (PLACE, "camera path"),
         ],
+    },
+    Pairs {
+        command: "serve",
+        needed: &["a.ply"],
+        options: &[
+            READING,
+            DEVICE,
+            RULES,
+            ACCURACY,
+            LEVELS,
+            "port host token folder clients cameras camera background preset response",
+        ],
+        refused: &[("lod-psnr", "lod-error")],
     },
     Pairs { command: "info", needed: &[], options: &[READING, "preset json"], refused: &[] },
     Pairs {
@@ -195,6 +208,7 @@ fn sample(arg: &Arg) -> String {
         "K/N" => "1/2",
         "8..32" | "FRAMES" => "8",
         "PATH" => "orbit",
+        "ADDRESS" => "127.0.0.1",
         name if name.contains("FILE") || name.contains("DIR") => return format!("{}.json", arg.get_id()),
         _ => "1",
     }

@@ -11,7 +11,7 @@ struct Renamed {
     value: fn(&str) -> Option<String>,
 }
 
-const SCENES: &[&str] = &["render", "view", "info", "convert", "lod", "prune", "bench", "trade"];
+const SCENES: &[&str] = &["render", "view", "serve", "info", "convert", "lod", "prune", "bench", "trade"];
 
 const RENAMED: [Renamed; 5] = [
     Renamed { commands: &["convert", "lod"], former: "--memory", present: "--host-memory", value: megabytes },

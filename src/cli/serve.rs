@@ -16,7 +16,7 @@ use crate::options::Options;
 use crate::procedural::Procedural;
 use crate::rules::Background;
 use crate::serve;
-use crate::serve::{Access, Limits};
+use crate::serve::{Admission, Limits};
 use crate::viewer::{Setup, Start};
 
 /// Show scenes in browsers: the viewer of a machine without a screen
@@ -27,7 +27,7 @@ Examples:
   smalto serve plush.spz --port 8080 --folder scenes
   smalto serve garden.smalto --host 0.0.0.0 --memory 8GB
 
-docs/serve.md says what a page shows, and what the server defends against.")]
+docs/serve.md says what the web page shows, and what the server defends against.")]
 pub(super) struct Args {
     /// Scene files, folders or procedural scenes, as for `smalto render`
     #[arg(required = true)]
@@ -38,16 +38,16 @@ pub(super) struct Args {
     /// Address to listen on
     ///
     /// By default only programs of this machine can connect; `ssh -L` makes a browser elsewhere one of them. Beyond
-    /// loopback addresses, pages need the token in the printed address.
+    /// loopback addresses, browsers need the token in the printed address.
     #[arg(long, help_heading = SERVER, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
     /// Ask for a token on loopback addresses, too: other users of this machine can connect otherwise
     #[arg(long, help_heading = SERVER)]
     token: bool,
-    /// Folder whose scenes, cameras and pictures pages may open
+    /// Folder whose scenes, cameras and pictures browsers may open
     #[arg(long, help_heading = SERVER, value_name = "DIR")]
     folder: Option<PathBuf>,
-    /// Most pages at the same time
+    /// Most browsers at the same time
     #[arg(long, help_heading = SERVER, value_name = "COUNT", default_value_t = 8)]
     #[arg(value_parser = values::whole::<u32>(1..=64))]
     clients: u32,
@@ -62,7 +62,7 @@ pub(super) struct Args {
     background: Background,
     /// exact, balanced (default), fast, preview, inria, gsplat, khr, portable
     ///
-    /// Pages can change it.
+    /// Browsers can change it.
     #[arg(long, help_heading = ACCURACY, value_name = "NAME", value_parser = knobs::preset_names())]
     #[arg(hide_possible_values = true)]
     preset: Option<String>,
@@ -111,15 +111,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let is_local = address.ip().is_loopback();
     let token = (args.token || !is_local).then(serve::new_token).transpose()?;
     let device = args.device.open()?;
-    let access = Access { is_local, token, folder: args.folder.clone() };
-    for line in addresses(address, access.token.as_deref()) {
+    let admission = Admission { is_local, token, folder: args.folder.clone() };
+    for line in addresses(address, admission.token.as_deref()) {
         say!("{line}")?;
     }
-    serve::serve(listener, &device, setup, access, Limits { clients: args.clients as usize })?;
+    serve::serve(listener, &device, setup, admission, Limits { clients: args.clients as usize })?;
     complain(&device)
 }
 
-/// What a user needs to connect: the address of the page, and how to reach it from elsewhere.
+/// What a user needs to connect: the address of the web page, and how to reach it from elsewhere.
 fn addresses(address: SocketAddr, token: Option<&str>) -> Vec<String> {
     let fragment = token.map_or_else(String::new, |token| format!("#token={token}"));
     let port = address.port();

@@ -1,6 +1,5 @@
-//! One viewer, and the pictures that its page gets.
+//! One viewer, and the pictures that its client gets.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -8,11 +7,11 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use crossbeam_channel::Sender;
 
-use super::access::Access;
+use super::admission::Admission;
 use super::link::Link;
 use super::outbox::Outbox;
 use super::pictures::ShownPicture;
-use super::sessions::SessionEvent;
+use super::session_event::{Said, SessionEvent};
 use crate::gpu::{Device, DeviceLost};
 use crate::viewer::remote::{ClientMessage, ServerMessage, State, drive, state, welcome};
 use crate::viewer::{Offscreen, Setup};
@@ -30,7 +29,7 @@ const MAX_EARLY: usize = 256;
 const SIDES: [u32; 2] = [16, 7680];
 const MAX_PIXELS: u64 = 3840 * 2400;
 
-/// The viewer of one page.
+/// The viewer of one client.
 pub struct Client {
     pub id: u64,
     offscreen: Offscreen,
@@ -43,7 +42,7 @@ pub struct Client {
     answered: u32,
     /// Number of the newest picture, also for the threads that compress older ones.
     newest: Arc<AtomicU32>,
-    /// Number of the newest picture that the page shows.
+    /// Number of the newest picture that the client shows.
     shown: u32,
     /// The pixels of the newest picture.
     picture: Option<Arc<ShownPicture>>,
@@ -53,22 +52,14 @@ pub struct Client {
     drawn: Instant,
     /// When the next frame is due; `None` if it waits for something to happen.
     due: Option<Instant>,
-    /// The text that the page got last, and when.
+    /// The text that the client got last, and when.
     state: (String, Instant),
     cameras: usize,
-    /// What the page said before the scenes were read; `None` once they are.
+    /// What the client said before the scenes were read; `None` once they are.
     early: Option<Vec<Said>>,
 }
 
-/// A message of a page.
-pub struct Said {
-    pub at: Instant,
-    pub message: ClientMessage,
-    /// The file to open, if it asks for one.
-    pub file: Option<PathBuf>,
-}
-
-/// The size of pictures for a page that has room for this one.
+/// The size of pictures for a client that has room for this one.
 pub fn allowed(size: [u32; 2]) -> [u32; 2] {
     let [width, height] = size.map(|side| side.clamp(SIDES[0], SIDES[1]));
     let rows = (MAX_PIXELS / u64::from(width)) as u32;
@@ -78,14 +69,14 @@ pub fn allowed(size: [u32; 2]) -> [u32; 2] {
 impl Client {
     pub fn new(
         (id, outbox, events): (u64, Arc<Outbox>, Sender<SessionEvent>),
-        (setup, device, access): (Setup, &Device, &Access),
+        (setup, device, admission): (Setup, &Device, &Admission),
         (size, view): ([u32; 2], Option<serde_json::Value>),
     ) -> Result<Self> {
         let wake = events.clone();
         // The receiver is gone when the server ends.
         let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(id))));
         let setup = Setup { scenes: Vec::new(), cameras: None, ..setup };
-        let greeting = welcome(device, &setup.bindings, access.folder.is_some());
+        let greeting = welcome(device, &setup.bindings, admission.folder.is_some());
         outbox.text(text(&ServerMessage::Welcome(Box::new(greeting))));
         let (now, input, picture) = (Instant::now(), Vec::new(), None);
         Ok(Self {
@@ -186,7 +177,7 @@ impl Client {
     /// The time at which [`Client::step`] has something to do.
     pub fn due(&self) -> Option<Instant> {
         let under_way = self.newest.load(Ordering::Relaxed) - self.shown;
-        // A page that does not show its pictures gets no more of them.
+        // A client that does not show its pictures gets no more of them.
         self.due
             .filter(|_| self.has_joined() && under_way < self.link.window())
             .map(|due| due.max(self.drawn + self.link.interval()))
@@ -258,12 +249,12 @@ impl Client {
     fn send_compressed(&mut self, picture: Arc<ShownPicture>) {
         let number = self.newest.fetch_add(1, Ordering::Relaxed) + 1;
         let pixels = picture.size.map(u64::from).iter().product();
-        let (level, answered) = (self.link.level(pixels), self.answered);
+        let (coding, answered) = (self.link.coding(pixels), self.answered);
         self.picture = Some(picture.clone());
         self.is_exact = false;
         let (id, outbox, newest, events) = (self.id, self.outbox.clone(), self.newest.clone(), self.events.clone());
         rayon::spawn(move || {
-            let jpeg = match picture.compressed([number, answered], level) {
+            let jpeg = match picture.compressed([number, answered], coding) {
                 Ok(jpeg) => jpeg,
                 Err(problem) => return outbox.end(format!("{problem:#}")),
             };

@@ -1,21 +1,23 @@
-//! `smalto serve`: the viewer in browsers. One process has the device; each page has a view of its own.
+//! `smalto serve`: the viewer in browsers. One process has the device; each client has a view of its own.
 //!
-//! - `access` - who may connect
+//! - `admission` - who may connect
 //! - `server` - HTTP and WebSocket: what comes in is checked and bounded here
 //! - `outbox` - what waits to be sent on a connection
 //! - `sessions` - the thread with the device: all viewers, drawn in turn
-//! - `client` - one viewer, and the pictures that its page gets
+//! - `session_event` - what happens to the viewers
+//! - `client` - one viewer, and the pictures that its client gets
 //! - `pictures` - pictures as messages
 //! - `link` - how large pictures may be
-//! - `page/` - the page: HTML, style, script
+//! - `page/` - the web page: HTML, style, script
 
-mod access;
+mod admission;
 mod client;
 mod link;
 mod outbox;
 mod pictures;
 mod server;
+mod session_event;
 mod sessions;
 
-pub use access::{Access, new_token};
+pub use admission::{Admission, new_token};
 pub use server::{Limits, serve};

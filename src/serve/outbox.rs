@@ -8,7 +8,7 @@ use tokio::sync::Notify;
 
 use super::pictures::{PART_BYTES, png_part};
 
-/// Most texts that wait. A page that takes none for so long is not there any more.
+/// Most texts that wait. A client that takes none for so long is not there any more.
 const MAX_TEXTS: usize = 256;
 
 /// What waits to be sent, in this order.
@@ -43,7 +43,7 @@ pub enum Outgoing {
     End(String),
 }
 
-/// The messages to a page, between the threads that make them and the connection.
+/// The messages to a client, between the threads that make them and the connection.
 #[derive(Default)]
 pub struct Outbox {
     waiting: Mutex<Waiting>,
@@ -61,7 +61,7 @@ impl Outbox {
         self.change(|waiting| {
             waiting.texts.push_back(text);
             if waiting.texts.len() > MAX_TEXTS {
-                waiting.end.get_or_insert_with(|| "the page takes no messages".to_owned());
+                waiting.end.get_or_insert_with(|| "the client takes no messages".to_owned());
             }
         });
     }
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_that_takes_nothing_is_given_up() {
+    fn a_client_that_takes_nothing_is_given_up() {
         let outbox = Outbox::default();
         (0..10_000).for_each(|_| outbox.text(String::new()));
         assert!(matches!(outbox.take(), Some(Outgoing::End(_))));

@@ -2,15 +2,15 @@
 //!
 //! A binary message is a header of 32-bit little-endian words and the bytes of files. The header has the kind (1: JPEG,
 //! 2: PNG), the number of the picture, the number of the last message `input` that it answers, its width and its height
-//! in pixels, and two words of its kind. JPEG: these are the reduction of [`Level`] and the number of strips; for each
-//! strip follow its first row, its rows and its bytes, then the files. PNG, in parts: these are the place of the part in
-//! the file and the bytes of the file; the part follows.
+//! in pixels, and two words of its kind. JPEG: these are the reduction of [`Coding`] and the number of strips; for each
+//! strip follow its first row, its rows and its bytes, then the files. PNG, in parts: these are the place of the part
+//! in the file and the bytes of the file; the part follows.
 
 use anyhow::Result;
 use jpeg_encoder::{ColorType, Encoder};
 use rayon::prelude::*;
 
-use super::link::Level;
+use super::link::Coding;
 use crate::pixels::png_of_rgb8;
 
 /// A picture as it is seen: red, green, blue and 255, row by row.
@@ -40,7 +40,7 @@ struct Strip {
 pub struct Jpeg {
     numbers: [u32; 2],
     size: [u32; 2],
-    level: Level,
+    coding: Coding,
     strips: Vec<Strip>,
 }
 
@@ -67,33 +67,33 @@ impl ShownPicture {
         (columns, lines, rgb)
     }
 
-    /// Compresses the picture, each strip on a core of its own. `numbers` are those of the picture and of the input that
-    /// it answers.
+    /// Compresses the picture, each strip on a core of its own. `numbers` are those of the picture and of the input
+    /// that it answers.
     ///
     /// # Errors
     /// If JPEG cannot hold pictures of this size.
-    pub fn compressed(&self, numbers: [u32; 2], level: Level) -> Result<Jpeg> {
+    pub fn compressed(&self, numbers: [u32; 2], coding: Coding) -> Result<Jpeg> {
         let height = self.size[1];
-        let unit = BLOCK * level.reduction;
+        let unit = BLOCK * coding.reduction;
         let strips = (rayon::current_num_threads() as u32).clamp(1, 16);
         let rows = height.div_ceil(strips).div_ceil(unit) * unit;
         let tops = Vec::from_iter((0..height).step_by(rows as usize));
         let strip = |top: &u32| {
             let end = (top + rows).min(height);
             let mut file = Vec::new();
-            let encoder = Encoder::new(&mut file, level.quality);
-            if level.reduction == 1 {
+            let encoder = Encoder::new(&mut file, coding.quality);
+            if coding.reduction == 1 {
                 let begin = (top * self.size[0]) as usize..(end * self.size[0]) as usize;
                 let bytes = bytemuck::cast_slice(&self.rgba[begin]);
                 encoder.encode(bytes, side(self.size[0])?, side(end - top)?, ColorType::Rgba)?;
             } else {
-                let (width, lines, rgb) = self.rgb(*top..end, level.reduction);
+                let (width, lines, rgb) = self.rgb(*top..end, coding.reduction);
                 encoder.encode(&rgb, side(width)?, side(lines)?, ColorType::Rgb)?;
             }
             Ok(Strip { top: *top, rows: end - top, file })
         };
         let strips = tops.par_iter().map(strip).collect::<Result<_>>()?;
-        Ok(Jpeg { numbers, size: self.size, level, strips })
+        Ok(Jpeg { numbers, size: self.size, coding, strips })
     }
 
     /// The file that `smalto render` writes of these pixels.
@@ -105,15 +105,15 @@ impl ShownPicture {
         png_of_rgb8(self.size, &rgb)
     }
 
-    /// The peak signal-to-noise ratio of a compressed picture to this one, in dB: as pages show it, a compressed pixel
-    /// for each of its pixels. `None` if no pixel differs.
+    /// The peak signal-to-noise ratio of a compressed picture to this one, in dB: as the web page shows it, with a
+    /// compressed pixel for each of its pixels. `None` if no pixel differs.
     ///
     /// # Errors
     /// If a strip cannot be read.
     pub fn loss(&self, jpeg: &Jpeg) -> Result<Option<f64>> {
         let strip = |strip: &Strip| {
             let read = image::load_from_memory_with_format(&strip.file, image::ImageFormat::Jpeg)?.into_rgb8();
-            let (width, reduction) = (self.size[0], jpeg.level.reduction);
+            let (width, reduction) = (self.size[0], jpeg.coding.reduction);
             let mut squares = 0u64;
             for y in 0..strip.rows {
                 for x in 0..width {
@@ -145,7 +145,7 @@ impl Jpeg {
     pub fn message(&self) -> Vec<u8> {
         let ([number, answered], [width, height]) = (self.numbers, self.size);
         let strips = self.strips.len() as u32;
-        let mut words = vec![KIND_JPEG, number, answered, width, height, self.level.reduction, strips];
+        let mut words = vec![KIND_JPEG, number, answered, width, height, self.coding.reduction, strips];
         words.extend(self.strips.iter().flat_map(|strip| [strip.top, strip.rows, strip.file.len() as u32]));
         let mut message = header(&words, self.strips.iter().map(|strip| strip.file.len()).sum());
         self.strips.iter().for_each(|strip| message.extend(&strip.file));
@@ -180,7 +180,7 @@ mod tests {
         for size in [[1, 1], [17, 33], [200, 131]] {
             let picture = picture(size);
             let loss = |quality, reduction| {
-                let jpeg = picture.compressed([7, 9], Level { quality, reduction }).unwrap();
+                let jpeg = picture.compressed([7, 9], Coding { quality, reduction }).unwrap();
                 let rows: u32 = jpeg.strips.iter().map(|strip| strip.rows).sum();
                 assert_eq!(rows, size[1]);
                 assert_eq!(jpeg.message()[..12], [1, 0, 0, 0, 7, 0, 0, 0, 9, 0, 0, 0]);

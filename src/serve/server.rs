@@ -23,30 +23,31 @@ use hyper_util::service::TowerToHyperService;
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
-use super::access::Access;
-use super::client::{Said, text};
+use super::admission::Admission;
+use super::client::text;
 use super::outbox::{Outbox, Outgoing};
-use super::sessions::{SessionEvent, Sessions};
+use super::session_event::{Said, SessionEvent};
+use super::sessions::Sessions;
 use crate::gpu::Device;
 use crate::threads;
 use crate::viewer::Setup;
 use crate::viewer::remote::{ClientMessage, ServerMessage};
 
-/// The files of the page: path, type, text.
+/// The files of the web page: path, type, text.
 const PAGE: [(&str, &str, &str); 3] = [
     ("/", "text/html; charset=utf-8", include_str!("page/index.html")),
     ("/page.css", "text/css; charset=utf-8", include_str!("page/page.css")),
     ("/page.js", "text/javascript; charset=utf-8", include_str!("page/page.js")),
 ];
 
-/// The page loads nothing from elsewhere, and no other page may show it.
+/// The web page loads nothing from elsewhere, and no other site may show it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
                       connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
 
-/// Most bytes of a message of a page.
+/// Most bytes of a message of a client.
 const MESSAGE_BYTES: usize = 64 << 10;
 
-/// Messages that a page may send a second, and at once after a pause. A long message counts as several.
+/// Messages that a client may send a second, and at once after a pause. A long message counts as several.
 const RATE: f64 = 300.0;
 const BURST: f64 = 900.0;
 const BYTES_OF_ONE: usize = 4 << 10;
@@ -59,10 +60,10 @@ const MAX_SOCKETS: usize = 128;
 
 const HEADER_TIME: Duration = Duration::from_secs(5);
 const HELLO_TIME: Duration = Duration::from_secs(5);
-/// Time in which a page takes a message, or else is gone.
+/// Time in which a client takes a message, or else is gone.
 const SEND_TIME: Duration = Duration::from_secs(20);
 const PING_TIME: Duration = Duration::from_secs(20);
-/// Time without any message, also answers to pings, after which a page is gone.
+/// Time without any message, also answers to pings, after which a client is gone.
 const SILENCE: Duration = Duration::from_secs(60);
 
 /// Files of a folder that are listed.
@@ -71,13 +72,13 @@ const MAX_FILES: usize = 10_000;
 /// What a server allows.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Pages at the same time.
+    /// Clients at the same time.
     pub clients: usize,
 }
 
 /// What all connections share.
 struct Shared {
-    access: Access,
+    admission: Admission,
     limits: Limits,
     events: Sender<SessionEvent>,
     clients: AtomicUsize,
@@ -88,11 +89,11 @@ struct Shared {
 ///
 /// # Errors
 /// These two; or the system gives no thread.
-pub fn serve(listener: TcpListener, device: &Device, setup: Setup, access: Access, limits: Limits) -> Result<()> {
+pub fn serve(listener: TcpListener, device: &Device, setup: Setup, admission: Admission, limits: Limits) -> Result<()> {
     let (sender, events) = unbounded();
-    let mut sessions = Sessions::new(device, setup, access.clone(), sender.clone())?;
+    let mut sessions = Sessions::new(device, setup, admission.clone(), sender.clone())?;
     listener.set_nonblocking(true).context("cannot listen")?;
-    let shared = Shared { access, limits, events: sender, clients: AtomicUsize::new(0), last_id: AtomicU64::new(0) };
+    let shared = Shared { admission, limits, events: sender, clients: AtomicUsize::new(0), last_id: AtomicU64::new(0) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_io().enable_time().build();
     let runtime = runtime.context("cannot start the server")?;
     let network = threads::spawn(move || runtime.block_on(accept(listener, Arc::new(shared))))?;
@@ -134,7 +135,7 @@ async fn check(State(shared): State<Arc<Shared>>, request: Request<Body>, next: 
     let text = |headers: &HeaderMap, name| headers.get(name).map(|value| value.to_str().unwrap_or("?").to_owned());
     let host = text(request.headers(), header::HOST);
     let origin = text(request.headers(), header::ORIGIN);
-    let mut response = match shared.access.refuses(host.as_deref(), origin.as_deref()) {
+    let mut response = match shared.admission.refuses(host.as_deref(), origin.as_deref()) {
         Some(why) => (StatusCode::FORBIDDEN, why).into_response(),
         None => next.run(request).await,
     };
@@ -159,11 +160,11 @@ async fn upgrade(State(shared): State<Arc<Shared>>, upgrade: WebSocketUpgrade) -
     upgrade.on_upgrade(move |socket| connection(socket, shared))
 }
 
-/// One page among those that are counted.
+/// One client among those that are counted.
 struct Place(Arc<Shared>);
 
 impl Place {
-    /// `None` if there are as many pages as allowed.
+    /// `None` if there are as many clients as allowed.
     fn taken(shared: &Arc<Shared>) -> Option<Self> {
         let most = shared.limits.clients;
         let add = |clients| (clients < most).then_some(clients + 1);
@@ -178,14 +179,14 @@ impl Drop for Place {
 }
 
 async fn connection(mut socket: WebSocket, shared: Arc<Shared>) {
-    let (size, view) = match timeout(HELLO_TIME, hello(&mut socket, &shared.access)).await {
+    let (size, view) = match timeout(HELLO_TIME, hello(&mut socket, &shared.admission)).await {
         Ok(Ok(hello)) => hello,
         Ok(Err(why)) => return end(&mut socket, &why).await,
-        Err(_) => return end(&mut socket, "the page said nothing").await,
+        Err(_) => return end(&mut socket, "the client said nothing").await,
     };
     let Some(_place) = Place::taken(&shared) else {
         let most = shared.limits.clients;
-        return end(&mut socket, &format!("the server has {most} pages open already, and allows no more")).await;
+        return end(&mut socket, &format!("the server has {most} browsers already, and allows no more")).await;
     };
     let id = shared.last_id.fetch_add(1, Ordering::Relaxed) + 1;
     let outbox = Arc::new(Outbox::default());
@@ -200,10 +201,10 @@ async fn connection(mut socket: WebSocket, shared: Arc<Shared>) {
 }
 
 /// The first message: the size of pictures, and the view to begin at.
-async fn hello(socket: &mut WebSocket, access: &Access) -> Result<([u32; 2], Option<serde_json::Value>), String> {
-    let Some(Ok(Message::Text(text))) = socket.recv().await else { return Err("the page said nothing".to_owned()) };
+async fn hello(socket: &mut WebSocket, admission: &Admission) -> Result<([u32; 2], Option<serde_json::Value>), String> {
+    let Some(Ok(Message::Text(text))) = socket.recv().await else { return Err("the client said nothing".to_owned()) };
     match ClientMessage::parse(&text)? {
-        ClientMessage::Hello { token, .. } if !access.has_token(token.as_deref()) => {
+        ClientMessage::Hello { token, .. } if !admission.has_token(token.as_deref()) => {
             Err("this server needs its token: open the address that it printed".to_owned())
         }
         ClientMessage::Hello { size, view, .. } => Ok((size, view)),
@@ -221,7 +222,7 @@ async fn end(socket: &mut WebSocket, why: &str) {
     _ = timeout(SEND_TIME, socket.send(closing(why))).await;
 }
 
-/// Sends what waits, until the page takes nothing any more.
+/// Sends what waits, until the client takes nothing any more.
 async fn write(mut sink: SplitSink<WebSocket, Message>, outbox: &Outbox) {
     loop {
         let message = match timeout(PING_TIME, outbox.next()).await {
@@ -239,14 +240,14 @@ async fn write(mut sink: SplitSink<WebSocket, Message>, outbox: &Outbox) {
     }
 }
 
-/// Messages that are left to a page: a bucket that fills with time.
+/// Messages that are left to a client: a bucket that fills with time.
 struct Allowance {
     left: f64,
     at: Instant,
 }
 
 impl Allowance {
-    /// Takes a message of this many bytes. False if the page sends too much.
+    /// Takes a message of this many bytes. False if the client sends too much.
     fn take(&mut self, bytes: usize, now: Instant) -> bool {
         let seconds = now.saturating_duration_since(self.at).as_secs_f64();
         self.left = (self.left + RATE * seconds).min(BURST) - 1.0 - (bytes / BYTES_OF_ONE) as f64;
@@ -255,7 +256,7 @@ impl Allowance {
     }
 }
 
-/// Passes messages on, until the connection ends or the page sends too much.
+/// Passes messages on, until the connection ends or the client sends too much.
 async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), shared: &Shared) {
     let mut allowance = Allowance { left: BURST, at: Instant::now() };
     let mut nonsense = 0;
@@ -271,7 +272,7 @@ async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), 
             Message::Close(_) => return,
         };
         if !allowance.take(bytes, at) {
-            outbox.end("the page sends too many messages".to_owned());
+            outbox.end("the client sends too many messages".to_owned());
             continue;
         }
         let parsed = match message {
@@ -281,8 +282,8 @@ async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), 
         };
         let answer = match parsed {
             Ok(ClientMessage::Ping { time }) => Some(ServerMessage::Pong { time }),
-            Ok(ClientMessage::Files { folder }) => Some(listed(&shared.access, folder)),
-            Ok(message) => match opened(&shared.access, &message) {
+            Ok(ClientMessage::Files { folder }) => Some(listed(&shared.admission, folder)),
+            Ok(message) => match opened(&shared.admission, &message) {
                 Ok(file) => {
                     _ = shared.events.send(SessionEvent::Said { id, said: Said { at, message, file } });
                     None
@@ -292,7 +293,7 @@ async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), 
             Err(why) => {
                 nonsense += 1;
                 if nonsense > MAX_NONSENSE {
-                    outbox.end("the page sends messages that are none".to_owned());
+                    outbox.end("the client sends messages that are none".to_owned());
                 }
                 Some(ServerMessage::Refused { why })
             }
@@ -305,24 +306,24 @@ async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), 
 
 /// The file that a message asks to open, inside the folder of the server. Projects and camera files of other programs
 /// name files elsewhere, so that only scenes, pictures and cameras.json are opened.
-fn opened(access: &Access, message: &ClientMessage) -> Result<Option<PathBuf>> {
+fn opened(admission: &Admission, message: &ClientMessage) -> Result<Option<PathBuf>> {
     let ClientMessage::Open { file } = message else { return Ok(None) };
-    let path = access.inside(file)?;
+    let path = admission.inside(file)?;
     ensure!(path.is_file() && is_offered(&path), "{file} is no scene, picture or cameras.json");
     Ok(Some(path))
 }
 
-/// True for a file that pages may open.
+/// True for a file that clients may open.
 fn is_offered(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     let endings = [".ply", ".spz", ".splat", ".ksplat", ".sog", ".smalto", ".glb", ".png", ".jpg", ".jpeg"];
     endings.iter().any(|ending| name.ends_with(ending)) || name == "cameras.json" || name.ends_with(".cameras.json")
 }
 
-/// The folders and files of a folder that pages may open, in order.
-fn listed(access: &Access, folder: String) -> ServerMessage {
+/// The folders and files of a folder that clients may open, in order.
+fn listed(admission: &Admission, folder: String) -> ServerMessage {
     let list = || {
-        let path = access.inside(&folder)?;
+        let path = admission.inside(&folder)?;
         let entries = std::fs::read_dir(&path).with_context(|| format!("cannot read {folder}"))?;
         let (mut folders, mut files) = (Vec::new(), Vec::new());
         for entry in entries.flatten().take(MAX_FILES) {
@@ -349,7 +350,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_may_send_only_so_much() {
+    fn a_client_may_send_only_so_much() {
         let begin = Instant::now();
         let mut allowance = Allowance { left: BURST, at: begin };
         let taken = (0..10_000).filter(|_| allowance.take(10, begin)).count();

@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
 
-use super::access::Access;
-use super::client::{Client, Said};
-use super::outbox::Outbox;
+use super::admission::Admission;
+use super::client::Client;
+use super::session_event::SessionEvent;
 use crate::gpu::Device;
 use crate::viewer::remote::state;
 use crate::viewer::{Offscreen, Setup};
@@ -19,35 +19,11 @@ const FIRST_SIZE: [u32; 2] = [64, 64];
 /// Interval of frames of the first viewer, until it has read the scenes.
 const READING: Duration = Duration::from_millis(20);
 
-/// What happens to the viewers.
-pub enum SessionEvent {
-    Joined {
-        id: u64,
-        outbox: Arc<Outbox>,
-        size: [u32; 2],
-        view: Option<serde_json::Value>,
-    },
-    Said {
-        id: u64,
-        said: Said,
-    },
-    Left {
-        id: u64,
-    },
-    Compressed {
-        id: u64,
-        pixels: u64,
-        bytes: usize,
-    },
-    /// A job of a viewer has sent an event.
-    Wake(u64),
-}
-
 /// All viewers of a server.
 pub struct Sessions {
     device: Device,
     setup: Setup,
-    access: Access,
+    admission: Admission,
     sender: Sender<SessionEvent>,
     first: Offscreen,
     is_read: bool,
@@ -59,12 +35,12 @@ impl Sessions {
     ///
     /// # Errors
     /// If device memory runs out.
-    pub fn new(device: &Device, setup: Setup, access: Access, sender: Sender<SessionEvent>) -> Result<Self> {
+    pub fn new(device: &Device, setup: Setup, admission: Admission, sender: Sender<SessionEvent>) -> Result<Self> {
         let wake = sender.clone();
         let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(0))));
         let first = Offscreen::bare(setup.clone(), device, FIRST_SIZE, wake)?;
         let device = device.clone();
-        Ok(Self { device, setup, access, sender, first, is_read: false, clients: Vec::new() })
+        Ok(Self { device, setup, admission, sender, first, is_read: false, clients: Vec::new() })
     }
 
     /// Draws until the device is lost, or the scenes turn out to be unreadable.
@@ -124,7 +100,7 @@ impl Sessions {
         match event {
             SessionEvent::Joined { id, outbox, size, view } => {
                 let connection = (id, outbox.clone(), self.sender.clone());
-                let shared = (self.setup.clone(), &self.device, &self.access);
+                let shared = (self.setup.clone(), &self.device, &self.admission);
                 match Client::new(connection, shared, (size, view)) {
                     Ok(mut client) => {
                         if self.is_read {

@@ -1,4 +1,4 @@
-//! A page, as a program.
+//! A client, as a program.
 
 use std::net::TcpStream;
 use std::time::Duration;
@@ -29,7 +29,7 @@ pub struct Client {
     inputs: u32,
 }
 
-/// A picture that a page gets.
+/// A picture that a client gets.
 pub struct Picture {
     pub number: u32,
     /// The last input that it answers.

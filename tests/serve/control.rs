@@ -1,4 +1,4 @@
-//! What a page can do with the viewer.
+//! What a client can do with the viewer.
 
 use serde_json::{Value, json};
 
@@ -69,7 +69,7 @@ fn keys_fly_while_they_are_held() {
     let rest = client.exact();
     assert_eq!(rest.answered, 2);
     assert!(rest.pixels != first.pixels);
-    // A page that loses the keyboard releases all keys.
+    // A client that loses the keyboard releases all keys.
     client.input(forward(true));
     client.compressed();
     client.input(json!([{ "kind": "blur" }]));

@@ -1,4 +1,4 @@
-//! Hostile and slow pages: they cost a bounded amount, and the others lose nothing.
+//! Hostile and slow clients: they cost a bounded amount, and the others lose nothing.
 
 use std::io::Write;
 use std::net::TcpStream;
@@ -25,7 +25,7 @@ fn nonsense(i: usize) -> Message {
 }
 
 #[test]
-fn hostile_pages_hurt_nobody_else() {
+fn hostile_clients_hurt_nobody_else() {
     let mut server = Server::start(&["cactus:2000"]);
     let mut honest = Client::connect(&server);
     let before = honest.exact();
@@ -43,7 +43,7 @@ fn hostile_pages_hurt_nobody_else() {
         honest.say(json!({ "do": "ping", "time": round }));
         assert_eq!(honest.told("pong")["time"], json!(f64::from(round as u32)));
     }
-    assert_eq!(ended, 12, "hostile pages are ended");
+    assert_eq!(ended, 12, "hostile clients are ended");
     honest.say(json!({ "do": "resize", "size": [100, 60] }));
     assert_eq!(honest.exact().size, [100, 60]);
     honest.say(json!({ "do": "resize", "size": SIZE }));
@@ -53,7 +53,7 @@ fn hostile_pages_hurt_nobody_else() {
 }
 
 #[test]
-fn pages_that_come_and_go_leave_nothing() {
+fn clients_that_come_and_go_leave_nothing() {
     let server = Server::start(&["cactus:2000"]);
     let visit = || {
         let mut client = Client::connect(&server);
@@ -63,11 +63,11 @@ fn pages_that_come_and_go_leave_nothing() {
     let before = server.resident();
     (0..24).for_each(|_| visit());
     let after = server.resident();
-    assert!(after < before + before / 4, "{before} kB before, {after} kB after 24 pages");
+    assert!(after < before + before / 4, "{before} kB before, {after} kB after 24 clients");
 }
 
 #[test]
-fn a_still_page_costs_no_time() {
+fn a_still_client_costs_no_time() {
     let server = Server::start(&["cactus:2000"]);
     let mut client = Client::connect(&server);
     client.exact();

@@ -1,11 +1,11 @@
-//! `smalto serve`: what a page gets, and what a hostile one cannot do.
+//! `smalto serve`: what a client gets, and what a hostile one cannot do.
 
 #![cfg(all(unix, feature = "serve"))]
 
 #[path = "../common/mod.rs"]
 mod common;
 
-mod access;
+mod admission;
 mod client;
 mod control;
 mod hostile;

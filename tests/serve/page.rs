@@ -1,4 +1,4 @@
-//! The page in a browser, driven by its own protocol. Without Chromium there is nothing to test.
+//! The web page in a browser, driven by its own protocol. Without Chromium there is nothing to test.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -167,7 +167,8 @@ fn a_page_shows_and_moves_a_scene() {
     let first = page.value(SUM);
     // The picture is the file of `smalto render`.
     let file = page.value(
-        "exact.file.arrayBuffer().then((bytes) => btoa(Array.from(new Uint8Array(bytes), (b) => String.fromCharCode(b)).join('')))",
+        "exact.file.arrayBuffer().then((bytes) => \
+         btoa(Array.from(new Uint8Array(bytes), (byte) => String.fromCharCode(byte)).join('')))",
     );
     let file = base64::engine::general_purpose::STANDARD.decode(file.as_str().unwrap()).unwrap();
     let folder = tempfile::tempdir().unwrap();

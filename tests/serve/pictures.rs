@@ -1,4 +1,4 @@
-//! The pictures of a page: compressed ones while the view moves, and the file of `smalto render` at rest.
+//! The pictures of a client: compressed ones while the view moves, and the file of `smalto render` at rest.
 
 use serde_json::json;
 
@@ -6,7 +6,7 @@ use crate::client::{Client, Heard, SIZE};
 use crate::common::program::{ok, path};
 use crate::server::Server;
 
-/// The file that the command line of the page writes.
+/// The file that the command line of the client writes.
 fn rendered(command: &str) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let file = path(&folder, "view.png");
@@ -30,9 +30,10 @@ fn drag(client: &mut Client, by: [f32; 2]) {
 #[test]
 fn a_picture_at_rest_is_the_file_of_render() {
     let folder = tempfile::tempdir().unwrap();
-    let levels = path(&folder, "levels.smalto");
-    ok(&["lod", "cactus:20000", "-o", &levels]);
-    for scene in [&["cactus:2000"][..], &["cactus:2000", "--preset", "fast", "--background", "0.2,0.5,1"], &[&levels]] {
+    let codings = path(&folder, "codings.smalto");
+    ok(&["lod", "cactus:20000", "-o", &codings]);
+    for scene in [&["cactus:2000"][..], &["cactus:2000", "--preset", "fast", "--background", "0.2,0.5,1"], &[&codings]]
+    {
         let server = Server::start(scene);
         let mut client = Client::connect(&server);
         let first = client.exact();
@@ -67,7 +68,7 @@ fn compressed_pictures_have_the_loss_that_is_said() {
 }
 
 #[test]
-fn a_page_that_shows_nothing_gets_few_pictures() {
+fn a_client_that_shows_nothing_gets_few_pictures() {
     let server = Server::start(&["cactus:2000"]);
     let mut client = Client::connect(&server);
     client.exact();
@@ -96,7 +97,7 @@ fn a_page_that_shows_nothing_gets_few_pictures() {
 }
 
 #[test]
-fn each_page_has_a_view_of_its_own() {
+fn each_client_has_a_view_of_its_own() {
     let server = Server::start(&["cactus:2000", "--clients", "2"]);
     let mut first = Client::connect(&server);
     let before = first.exact();
@@ -107,8 +108,8 @@ fn each_page_has_a_view_of_its_own() {
     first.say(json!({ "do": "resize", "size": [100, 100] }));
     assert_eq!(first.exact().size, [100, 100]);
     first.say(json!({ "do": "resize", "size": SIZE }));
-    assert!(first.exact().png == before.png, "the view of the first page has not moved");
-    // A third page is one too many, until one leaves.
+    assert!(first.exact().png == before.png, "the view of the first client has not moved");
+    // A third client is one too many, until one leaves.
     let mut third = crate::client::socket(&server);
     third
         .send(tungstenite::Message::Text(
@@ -117,7 +118,7 @@ fn each_page_has_a_view_of_its_own() {
         .unwrap();
     let refused = third.read().unwrap();
     assert!(
-        matches!(&refused, tungstenite::Message::Close(Some(frame)) if frame.reason.contains("2 pages")),
+        matches!(&refused, tungstenite::Message::Close(Some(frame)) if frame.reason.contains("2 browsers")),
         "{refused:?}"
     );
     drop(second);
@@ -126,7 +127,7 @@ fn each_page_has_a_view_of_its_own() {
         let mut socket = crate::client::socket(&server);
         let hello = json!({ "do": "hello", "token": null, "size": SIZE, "view": view });
         socket.send(tungstenite::Message::Text(hello.to_string().into())).unwrap();
-        // The server notices soon that the second page has left.
+        // The server notices soon that the second client has left.
         if matches!(socket.read().unwrap(), tungstenite::Message::Text(_)) {
             break socket;
         }

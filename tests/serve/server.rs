@@ -25,7 +25,7 @@ impl Server {
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let (address, fragment) = line.trim().split_once('/').map_or(("", ""), |_| {
-            let rest = line.trim().strip_prefix("http://").expect("the address of a page");
+            let rest = line.trim().strip_prefix("http://").expect("the address of a client");
             rest.split_once('/').unwrap()
         });
         let port = address.rsplit_once(':').unwrap().1.parse().unwrap();

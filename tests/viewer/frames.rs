@@ -5,15 +5,14 @@ use std::path::PathBuf;
 
 use crate::common::Gpu;
 use egui::{Key, Modifiers};
-use smalto::camera::{self, LensChoice, NamedCamera};
-use smalto::formats::Reading;
+use smalto::camera::{self, NamedCamera};
 use smalto::measure::metrics::max_error;
 use smalto::options::Options;
 use smalto::pagefile::write::{Job, Settings, write_whole};
 use smalto::pixels::Pixels;
 use smalto::procedural::{Procedural, cactus};
 use smalto::rules::Rules;
-use smalto::viewer::{Bindings, CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup, Tab, Viewer};
+use smalto::viewer::{CompareMode, CompareTarget, CompareWith, Offscreen, Request, Setup, Tab, Viewer};
 
 pub(super) const SIZE: [u32; 2] = [160, 96];
 

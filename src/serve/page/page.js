@@ -26,8 +26,13 @@ let sending = false;
 // ---- The address: the token and, after a while at rest, the view.
 
 const token = (() => {
-  const given = new URLSearchParams(location.hash.slice(1)).get('token');
-  if (given) sessionStorage.setItem('token', given);
+  const fragment = new URLSearchParams(location.hash.slice(1));
+  const given = fragment.get('token');
+  if (given) {
+    sessionStorage.setItem('token', given);
+    fragment.delete('token');
+    history.replaceState(null, '', `${location.pathname}#${fragment}`);
+  }
   return given || sessionStorage.getItem('token');
 })();
 

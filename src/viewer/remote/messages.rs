@@ -1,10 +1,10 @@
-//! The messages between a page and the server: JSON texts, described by `serve-client` and `serve-server` in
+//! The messages between a client and the server: JSON texts, described by `serve-client` and `serve-server` in
 //! `docs/schemas/`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A message of a page to the server.
+/// A message of a client to the server.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum ClientMessage {
@@ -110,7 +110,7 @@ pub enum InputEvent {
     },
     /// The pointer has left the picture.
     Gone,
-    /// The page has lost the keyboard: all keys are released.
+    /// The client has lost the keyboard: all keys are released.
     Blur,
 }
 
@@ -131,13 +131,13 @@ pub struct Held {
     pub alt: bool,
 }
 
-/// A message of the server to a page. Pictures are binary messages: see `docs/serve.md`.
+/// A message of the server to a client. Pictures are binary messages: see `docs/serve.md`.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 #[serde(tag = "say", rename_all = "kebab-case")]
 pub enum ServerMessage {
     /// The first message: what does not change.
     Welcome(Box<Welcome>),
-    /// What the page shows beside the picture, whenever some of it has changed.
+    /// What the client shows beside the picture, whenever some of it has changed.
     State(Box<State>),
     /// The names of the cameras of the file.
     Cameras {
@@ -169,7 +169,7 @@ pub enum ServerMessage {
 pub struct Welcome {
     pub version: String,
     pub device: String,
-    /// The page may open files of a folder.
+    /// The client may open files of a folder.
     pub has_folder: bool,
     pub presets: Vec<String>,
     pub knobs: Vec<KnobEntry>,
@@ -216,7 +216,7 @@ pub struct ActionEntry {
     pub is_held: bool,
 }
 
-/// What a page shows beside the picture.
+/// What a client shows beside the picture.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct State {
     pub title: String,

@@ -2,7 +2,7 @@
 //!
 //! - `messages` - the messages of both sides, in JSON
 //! - `drive` - what messages do
-//! - `state` - what a page shows of a viewer
+//! - `state` - what a client shows of a viewer
 
 mod drive;
 mod messages;

@@ -1,4 +1,4 @@
-//! What a page shows of a viewer.
+//! What a client shows of a viewer.
 
 use super::drive::{ACTS, HELD};
 use super::messages::{
@@ -63,7 +63,7 @@ pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Welcom
     }
 }
 
-/// What a page shows beside the picture.
+/// What a client shows beside the picture.
 pub fn state(session: &mut Session) -> State {
     let is_settled = session.is_settled();
     let (title, residency) = (session.title(), session.residency());

@@ -10,7 +10,7 @@ const UPGRADE: &str = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocke
                        Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
 
 #[test]
-fn pages_of_others_are_refused() {
+fn sites_of_others_are_refused() {
     let server = Server::start(&["cactus:200"]);
     let own = format!("Host: localhost:{}\r\n", server.port);
     for file in ["/", "/page.js", "/page.css"] {

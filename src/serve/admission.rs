@@ -8,12 +8,12 @@ use subtle::ConstantTimeEq;
 
 /// The rules by which connections are accepted.
 #[derive(Clone)]
-pub struct Access {
+pub struct Admission {
     /// The server listens on the loopback interface only.
     pub is_local: bool,
     /// Every connection has to show it.
     pub token: Option<String>,
-    /// The folder whose files pages may open.
+    /// The folder whose files clients may open.
     pub folder: Option<PathBuf>,
 }
 
@@ -27,9 +27,9 @@ pub fn new_token() -> Result<String> {
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-impl Access {
-    /// The reason why a request with these headers is refused. Pages of other sites may not drive a viewer: their
-    /// browser sends their address as `Origin`. A page whose name was made to stand for this machine (DNS rebinding)
+impl Admission {
+    /// The reason why a request with these headers is refused. Web pages of other sites may not drive a viewer: their
+    /// browser sends their address as `Origin`. A site whose name was made to stand for this machine (DNS rebinding)
     /// has that name as `Host`.
     pub fn refuses(&self, host: Option<&str>, origin: Option<&str>) -> Option<&'static str> {
         let Some(host) = host else { return Some("the request has no header Host") };
@@ -38,7 +38,7 @@ impl Access {
         }
         match origin {
             Some(origin) if origin.strip_prefix("http://") != Some(host) => {
-                Some("a page of another address may not connect")
+                Some("a web page of another address may not connect")
             }
             _ => None,
         }
@@ -55,7 +55,7 @@ impl Access {
     /// The file or folder of a path below the folder of the server.
     ///
     /// # Errors
-    /// If pages may open no files, or the path is not below the folder, also by symbolic links.
+    /// If clients may open no files, or the path is not below the folder, also by symbolic links.
     pub fn inside(&self, path: &str) -> Result<PathBuf> {
         let folder = self.folder.as_deref().context("this server was started without --folder")?;
         let is_plain = Path::new(path).components().all(|part| matches!(part, Component::Normal(_)));
@@ -80,13 +80,13 @@ fn is_of_this_machine(host: &str) -> bool {
 mod tests {
     use super::*;
 
-    fn access(is_local: bool) -> Access {
-        Access { is_local, token: None, folder: None }
+    fn admission(is_local: bool) -> Admission {
+        Admission { is_local, token: None, folder: None }
     }
 
     #[test]
     fn other_hosts_and_origins_are_refused() {
-        let local = access(true);
+        let local = admission(true);
         for host in
             ["localhost", "localhost:7007", "LOCALHOST:80", "127.0.0.1:7007", "[::1]:7007", "[::1]", "127.1.2.3"]
         {
@@ -104,18 +104,18 @@ mod tests {
             assert!(local.refuses(Some(host), None).is_some(), "{host}");
         }
         assert!(local.refuses(None, None).is_some());
-        assert_eq!(access(false).refuses(Some("render7:7007"), Some("http://render7:7007")), None);
-        assert!(access(false).refuses(Some("render7:7007"), Some("http://evil.example")).is_some());
+        assert_eq!(admission(false).refuses(Some("render7:7007"), Some("http://render7:7007")), None);
+        assert!(admission(false).refuses(Some("render7:7007"), Some("http://evil.example")).is_some());
     }
 
     #[test]
     fn a_token_is_new_and_has_to_be_shown_whole() {
         let token = new_token().unwrap();
         assert!(token.len() == 32 && token != new_token().unwrap());
-        let access = Access { token: Some(token.clone()), ..access(false) };
-        assert!(access.has_token(Some(&token)));
+        let admission = Admission { token: Some(token.clone()), ..admission(false) };
+        assert!(admission.has_token(Some(&token)));
         for wrong in [None, Some(""), Some(&token[1..]), Some(&format!("{token}0"))] {
-            assert!(!access.has_token(wrong));
+            assert!(!admission.has_token(wrong));
         }
     }
 
@@ -128,12 +128,12 @@ mod tests {
         std::fs::write(folder.path().join("open/a.ply"), "").unwrap();
         #[cfg(unix)]
         std::os::unix::fs::symlink("../secret", folder.path().join("open/link")).unwrap();
-        let open = Access { folder: Some(folder.path().join("open")), ..access(true) };
+        let open = Admission { folder: Some(folder.path().join("open")), ..admission(true) };
         assert!(open.inside("a.ply").unwrap().ends_with("a.ply"));
         assert!(open.inside("").unwrap().ends_with("open"));
         for outside in ["../secret", "/etc/passwd", "link", "./a.ply", "inside/../../secret", "missing"] {
             assert!(open.inside(outside).is_err(), "{outside}");
         }
-        assert!(access(true).inside("a.ply").is_err());
+        assert!(admission(true).inside("a.ply").is_err());
     }
 }
