@@ -15,6 +15,7 @@ use crate::files::describe;
 use crate::options::Options;
 use crate::procedural::Procedural;
 use crate::rules::Background;
+use crate::scene::Unreadable;
 use crate::serve;
 use crate::serve::{Admission, Limits};
 use crate::viewer::{Setup, Start};
@@ -80,7 +81,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
     for scene in &args.scenes {
         let procedural = scene.to_str().and_then(Procedural::parse);
-        procedural.transpose().map_err(|problem| Usage(format!("{}: {problem:#}", scene.display())))?;
+        let procedural = procedural.transpose();
+        let is_file = procedural.map_err(|problem| Usage(format!("{}: {problem:#}", scene.display())))?.is_none();
+        // An address that leads to nothing is not printed.
+        if let Some(problem) = std::fs::metadata(scene).err().filter(|_| is_file) {
+            return Err(Unreadable::new(scene, &anyhow::anyhow!(describe(&problem))).into());
+        }
     }
     if let Some(folder) = args.folder.as_ref().filter(|folder| !folder.is_dir()) {
         return Err(Usage(format!("--folder {}: there is no such folder", folder.display())).into());
@@ -100,7 +106,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
         options,
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),
-        hides_panels: true,
         remark,
         ..Setup::default()
     };

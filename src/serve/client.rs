@@ -1,19 +1,21 @@
 //! One viewer, and the pictures that its client gets.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use crossbeam_channel::Sender;
+use rayon::ThreadPool;
 
 use super::admission::Admission;
 use super::link::Link;
 use super::outbox::Outbox;
-use super::pictures::ShownPicture;
+use super::pictures::{Exact, ShownPicture};
 use super::session_event::{Said, SessionEvent};
 use crate::gpu::{Device, DeviceLost};
-use crate::viewer::remote::{ClientMessage, ServerMessage, State, drive, state, welcome};
+use crate::viewer::remote::{ClientMessage, ServerMessage, State, drive, is_of_render, state, welcome};
 use crate::viewer::{Offscreen, Setup};
 
 /// Time without a change after which a picture is sent without loss.
@@ -21,6 +23,12 @@ const REST: Duration = Duration::from_millis(150);
 
 /// Least time from one state to the next.
 const STATES: Duration = Duration::from_millis(100);
+
+/// Most events that wait for a frame.
+const MAX_INPUT: usize = 4096;
+
+/// Most scenes of a client.
+const MAX_SCENES: usize = 16;
 
 /// Most messages that wait until the scenes are read.
 const MAX_EARLY: usize = 256;
@@ -36,6 +44,8 @@ pub struct Client {
     outbox: Arc<Outbox>,
     events: Sender<SessionEvent>,
     link: Link,
+    /// Compresses pictures.
+    pool: Arc<ThreadPool>,
     /// What the user did since the last frame.
     input: Vec<egui::Event>,
     /// Number of the last message of what the user did.
@@ -61,15 +71,15 @@ pub struct Client {
 
 /// The size of pictures for a client that has room for this one.
 pub fn allowed(size: [u32; 2]) -> [u32; 2] {
-    let [width, height] = size.map(|side| side.clamp(SIDES[0], SIDES[1]));
-    let rows = (MAX_PIXELS / u64::from(width)) as u32;
-    [width, height.min(rows)]
+    let size = size.map(|side| f64::from(side.clamp(SIDES[0], SIDES[1])));
+    let factor = (MAX_PIXELS as f64 / (size[0] * size[1])).sqrt().min(1.0);
+    size.map(|side| ((side * factor) as u32).max(SIDES[0]))
 }
 
 impl Client {
     pub fn new(
         (id, outbox, events): (u64, Arc<Outbox>, Sender<SessionEvent>),
-        (setup, device, admission): (Setup, &Device, &Admission),
+        (setup, device, admission, pool): (Setup, &Device, &Admission, Arc<ThreadPool>),
         (size, view): ([u32; 2], Option<serde_json::Value>),
     ) -> Result<Self> {
         let wake = events.clone();
@@ -85,6 +95,7 @@ impl Client {
             outbox,
             events,
             link: Link::default(),
+            pool,
             input,
             answered: 0,
             newest: Arc::default(),
@@ -116,19 +127,29 @@ impl Client {
         self.due = Some(Instant::now());
     }
 
+    /// Says why something is not done.
+    pub fn refuse(&self, why: String) {
+        self.outbox.text(text(&ServerMessage::Refused { why }));
+    }
+
     pub fn wake(&mut self) {
         let now = Instant::now();
         self.due = Some(self.due.map_or(now, |due| due.min(now)));
     }
 
-    /// Sends a state, unless it is that of the last time.
-    pub fn send_state(&mut self, state: State) {
+    /// Sends a state, unless it is that of the last time. Returns the time at which it can be sent, if that is later.
+    pub fn send_state(&mut self, state: State) -> Option<Instant> {
         let text = text(&ServerMessage::State(Box::new(state)));
-        if text != self.state.0 {
-            self.outbox.state(text.clone());
-            self.state.0 = text;
+        let (now, next) = (Instant::now(), self.state.1 + STATES);
+        if text == self.state.0 {
+            return None;
         }
-        self.state.1 = Instant::now();
+        if next > now {
+            return Some(next);
+        }
+        self.outbox.state(text.clone());
+        self.state = (text, now);
+        None
     }
 
     /// Does what a message asks for.
@@ -154,19 +175,40 @@ impl Client {
                 Ok(()) => Ok(Vec::new()),
                 Err(problem) => Err(format!("{problem:#}")),
             },
-            ClientMessage::Open { .. } => {
-                if let Some(file) = file {
-                    self.offscreen.viewer().drop_file(&file);
-                }
-                Ok(Vec::new())
-            }
+            ClientMessage::Open { .. } => self.open(file).map(|()| Vec::new()),
             message => drive(&mut self.offscreen.session, message),
         };
         match done {
+            Ok(events) if self.input.len() + events.len() > MAX_INPUT => {
+                self.outbox.end("the client shows no pictures, and sends input".to_owned());
+            }
             Ok(events) => self.input.extend(events),
-            Err(why) => self.outbox.text(text(&ServerMessage::Refused { why })),
+            Err(why) => self.refuse(why),
         }
         self.wake();
+    }
+
+    /// Opens a file in addition to the open ones, one after another.
+    fn open(&mut self, file: Option<PathBuf>) -> Result<(), String> {
+        let viewer = self.offscreen.viewer();
+        if viewer.scenes.are_loading() || viewer.comparison.is_loading {
+            return Err("a file is being read already".to_owned());
+        }
+        if viewer.scenes.layers.len() >= MAX_SCENES {
+            return Err(format!("{MAX_SCENES} scenes are open: close one first"));
+        }
+        file.iter().for_each(|file| viewer.drop_file(file));
+        Ok(())
+    }
+
+    /// True while the float64 reference or a picture is being made ready.
+    pub fn is_comparing(&self) -> bool {
+        self.offscreen.session.viewer.comparison.is_loading
+    }
+
+    /// True while a job of the viewer runs.
+    pub fn has_jobs(&self) -> bool {
+        self.offscreen.session.viewer.jobs.are_running()
     }
 
     /// A picture of this client was compressed to this many bytes.
@@ -219,18 +261,14 @@ impl Client {
         if exact_at.is_some_and(|at| at <= now) {
             self.send_exact();
         }
-        let state_at = self.state.1 + STATES;
         let state = state(&mut self.offscreen.session);
-        let is_new = text(&ServerMessage::State(Box::new(state.clone()))) != self.state.0;
-        if is_new && state_at <= now {
-            self.send_state(state);
-        }
+        let state_at = self.send_state(state);
         self.send_cameras();
         let waits = [
             has_news.then_some(now),
             (repaint_delay < Duration::from_secs(3600)).then(|| now + repaint_delay),
             exact_at.filter(|_| !self.is_exact),
-            (is_new && state_at > now).then_some(state_at),
+            state_at,
         ];
         self.due = waits.into_iter().flatten().min();
         Ok(())
@@ -253,7 +291,7 @@ impl Client {
         self.picture = Some(picture.clone());
         self.is_exact = false;
         let (id, outbox, newest, events) = (self.id, self.outbox.clone(), self.newest.clone(), self.events.clone());
-        rayon::spawn(move || {
+        self.pool.spawn(move || {
             let jpeg = match picture.compressed([number, answered], coding) {
                 Ok(jpeg) => jpeg,
                 Err(problem) => return outbox.end(format!("{problem:#}")),
@@ -269,14 +307,15 @@ impl Client {
         });
     }
 
-    /// Sends the newest picture without loss.
+    /// Sends the newest picture without loss. The next one does not wait until it is shown.
     fn send_exact(&mut self) {
         let Some(picture) = self.picture.clone() else { return };
         let number = self.newest.fetch_add(1, Ordering::Relaxed) + 1;
-        self.is_exact = true;
+        (self.is_exact, self.shown) = (true, number);
         let (outbox, answered) = (self.outbox.clone(), self.answered);
-        rayon::spawn(move || match picture.png() {
-            Ok(file) => outbox.exact([number, answered], picture.size, file),
+        let is_of_render = is_of_render(&self.offscreen.session);
+        self.pool.spawn(move || match picture.png() {
+            Ok(file) => outbox.exact(Exact::new([number, answered], picture.size, file, is_of_render)),
             Err(problem) => outbox.end(format!("{problem:#}")),
         });
     }
@@ -294,6 +333,7 @@ mod tests {
     #[test]
     fn pictures_have_a_bounded_size() {
         assert_eq!(allowed([1920, 1080]), [1920, 1080]);
+        assert_eq!(allowed([5120, 2880]), [4048, 2276]);
         assert_eq!(allowed([0, 0]), [16, 16]);
         for wanted in [[u32::MAX; 2], [u32::MAX, 1], [1, u32::MAX], [5000, 5000]] {
             let size = allowed(wanted);

@@ -6,10 +6,11 @@ use std::time::Instant;
 
 use tokio::sync::Notify;
 
-use super::pictures::{PART_BYTES, png_part};
+use super::pictures::Exact;
 
-/// Most texts that wait. A client that takes none for so long is not there any more.
+/// Most texts that wait, and their bytes. A client that takes none for so long is not there any more.
 const MAX_TEXTS: usize = 256;
+const MAX_BYTES: usize = 8 << 20;
 
 /// What waits to be sent, in this order.
 #[derive(Default)]
@@ -24,14 +25,6 @@ struct Waiting {
     newest: u32,
     /// Numbers of the pictures that were sent and are not known to be shown, and when.
     sent: VecDeque<(u32, Instant)>,
-}
-
-/// A PNG that is sent in parts.
-struct Exact {
-    numbers: [u32; 2],
-    size: [u32; 2],
-    file: Vec<u8>,
-    begin: usize,
 }
 
 /// A message to send.
@@ -60,7 +53,8 @@ impl Outbox {
     pub fn text(&self, text: String) {
         self.change(|waiting| {
             waiting.texts.push_back(text);
-            if waiting.texts.len() > MAX_TEXTS {
+            let bytes: usize = waiting.texts.iter().map(String::len).sum();
+            if waiting.texts.len() > MAX_TEXTS || bytes > MAX_BYTES {
                 waiting.end.get_or_insert_with(|| "the client takes no messages".to_owned());
             }
         });
@@ -81,12 +75,11 @@ impl Outbox {
     }
 
     /// Sends the PNG of a picture, unless there is a newer one.
-    /// `numbers` are those of [`png_part`].
-    pub fn exact(&self, numbers: [u32; 2], size: [u32; 2], file: Vec<u8>) {
+    pub fn exact(&self, exact: Exact) {
         self.change(|waiting| {
-            if waiting.newest < numbers[0] {
-                waiting.newest = numbers[0];
-                waiting.exact = Some(Exact { numbers, size, file, begin: 0 });
+            if waiting.newest < exact.number() {
+                waiting.newest = exact.number();
+                waiting.exact = Some(exact);
             }
         });
     }
@@ -118,13 +111,7 @@ impl Outbox {
             waiting.sent.push_back((number, Instant::now()));
             return Some(Outgoing::Binary(message));
         }
-        let exact = waiting.exact.as_mut()?;
-        let message = png_part(exact.numbers, exact.size, &exact.file, exact.begin);
-        exact.begin += PART_BYTES;
-        if exact.begin >= exact.file.len() {
-            waiting.exact = None;
-        }
-        Some(Outgoing::Binary(message))
+        waiting.exact.as_mut()?.next().map(Outgoing::Binary)
     }
 
     /// The next message, once there is one.
@@ -160,11 +147,11 @@ mod tests {
     #[test]
     fn a_newer_picture_stops_a_png() {
         let outbox = Outbox::default();
-        outbox.exact([1, 0], [1, 1], vec![0; 3 * PART_BYTES]);
-        assert!(matches!(outbox.take(), Some(Outgoing::Binary(part)) if part.len() > PART_BYTES));
+        outbox.exact(Exact::new([1, 0], [1, 1], vec![0; 100_000], true));
+        assert!(matches!(outbox.take(), Some(Outgoing::Binary(part)) if part.len() > 28));
         outbox.picture(2, vec![2]);
         assert_eq!([outbox.take(), outbox.take()], [Some(Outgoing::Binary(vec![2])), None]);
-        outbox.exact([1, 0], [1, 1], vec![0]);
+        outbox.exact(Exact::new([1, 0], [1, 1], vec![0], true));
         assert_eq!(outbox.take(), None);
     }
 

@@ -1,10 +1,10 @@
 //! Pictures as messages: JPEG in strips, on all cores, while the view moves, and PNG without loss at rest.
 //!
 //! A binary message is a header of 32-bit little-endian words and the bytes of files. The header has the kind (1: JPEG,
-//! 2: PNG), the number of the picture, the number of the last message `input` that it answers, its width and its height
-//! in pixels, and two words of its kind. JPEG: these are the reduction of [`Coding`] and the number of strips; for each
-//! strip follow its first row, its rows and its bytes, then the files. PNG, in parts: these are the place of the part
-//! in the file and the bytes of the file; the part follows.
+//! 2: PNG, 3: PNG that `smalto render` writes), the number of the picture, the number of the last message `input` that
+//! it answers, its width and its height in pixels, and two words of its kind. JPEG: these are the reduction of
+//! [`Coding`] and the number of strips; for each strip follow its first row, its rows and its bytes, then the files.
+//! PNG, in parts: these are the place of the part in the file and the bytes of the file; the part follows.
 
 use anyhow::Result;
 use jpeg_encoder::{ColorType, Encoder};
@@ -21,12 +21,13 @@ pub struct ShownPicture {
 
 const KIND_JPEG: u32 = 1;
 const KIND_PNG: u32 = 2;
+const KIND_RENDER: u32 = 3;
 
 /// Rows of a strip are a multiple of this: the blocks of JPEG with halved colours.
 const BLOCK: u32 = 16;
 
 /// Bytes of a part of a PNG, after which a newer picture can be sent.
-pub const PART_BYTES: usize = 32 << 10;
+const PART_BYTES: usize = 32 << 10;
 
 /// A strip of a compressed picture.
 struct Strip {
@@ -153,14 +154,43 @@ impl Jpeg {
     }
 }
 
-/// The message of the part of a PNG that begins at this byte. The numbers are those of the picture and of the input
-/// that it answers.
-pub fn png_part([number, answered]: [u32; 2], [width, height]: [u32; 2], file: &[u8], begin: usize) -> Vec<u8> {
-    let part = &file[begin..(begin + PART_BYTES).min(file.len())];
-    let words = [KIND_PNG, number, answered, width, height, begin as u32, file.len() as u32];
-    let mut message = header(&words, part.len());
-    message.extend(part);
-    message
+/// A PNG that is sent in parts.
+pub struct Exact {
+    /// Those of the picture and of the input that it answers.
+    numbers: [u32; 2],
+    size: [u32; 2],
+    file: Vec<u8>,
+    kind: u32,
+    /// The first byte of the next part.
+    begin: usize,
+}
+
+impl Exact {
+    /// `is_of_render`: `smalto render` writes this file.
+    pub fn new(numbers: [u32; 2], size: [u32; 2], file: Vec<u8>, is_of_render: bool) -> Self {
+        Self { numbers, size, file, kind: if is_of_render { KIND_RENDER } else { KIND_PNG }, begin: 0 }
+    }
+
+    /// Number of the picture.
+    pub fn number(&self) -> u32 {
+        self.numbers[0]
+    }
+}
+
+impl Iterator for Exact {
+    type Item = Vec<u8>;
+
+    /// The message of the next part.
+    fn next(&mut self) -> Option<Vec<u8>> {
+        let begin = self.begin;
+        let part = self.file.get(begin..(begin + PART_BYTES).min(self.file.len())).filter(|part| !part.is_empty())?;
+        self.begin += part.len();
+        let ([number, answered], [width, height]) = (self.numbers, self.size);
+        let words = [self.kind, number, answered, width, height, begin as u32, self.file.len() as u32];
+        let mut message = header(&words, part.len());
+        message.extend(part);
+        Some(message)
+    }
 }
 
 #[cfg(test)]
@@ -196,8 +226,7 @@ mod tests {
         let picture = picture([300, 200]);
         let file = picture.png().unwrap();
         let mut joined = Vec::<u8>::new();
-        while joined.len() < file.len() {
-            let part = png_part([3, 0], picture.size, &file, joined.len());
+        for part in Exact::new([3, 0], picture.size, file.clone(), true) {
             assert_eq!(part[20..24], (joined.len() as u32).to_le_bytes());
             joined.extend_from_slice(&part[28..]);
         }

@@ -7,7 +7,6 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use axum::Router;
 use axum::body::Body;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Request, State};
@@ -15,12 +14,13 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use axum::{Extension, Router};
 use crossbeam_channel::{Sender, unbounded};
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
 use super::admission::Admission;
@@ -56,18 +56,20 @@ const BYTES_OF_ONE: usize = 4 << 10;
 const MAX_NONSENSE: u32 = 20;
 
 /// TCP connections at the same time.
-const MAX_SOCKETS: usize = 128;
+const MAX_SOCKETS: usize = 512;
 
 const HEADER_TIME: Duration = Duration::from_secs(5);
 const HELLO_TIME: Duration = Duration::from_secs(5);
 /// Time in which a client takes a message, or else is gone.
 const SEND_TIME: Duration = Duration::from_secs(20);
+/// Time in which a client takes the reason why it is refused.
+const END_TIME: Duration = Duration::from_secs(2);
 const PING_TIME: Duration = Duration::from_secs(20);
 /// Time without any message, also answers to pings, after which a client is gone.
 const SILENCE: Duration = Duration::from_secs(60);
 
 /// Files of a folder that are listed.
-const MAX_FILES: usize = 10_000;
+const MAX_FILES: usize = 2000;
 
 /// What a server allows.
 #[derive(Clone, Copy, Debug)]
@@ -120,7 +122,9 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) -> Result<()> {
             continue;
         };
         _ = stream.set_nodelay(true);
-        let service = TowerToHyperService::new(router.clone());
+        // A socket keeps the permit that its request had.
+        let permit = Arc::new(permit);
+        let service = TowerToHyperService::new(router.clone().layer(Extension(permit.clone())));
         tokio::spawn(async move {
             let mut http = hyper::server::conn::http1::Builder::new();
             http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIME).max_buf_size(16 << 10);
@@ -155,9 +159,16 @@ async fn check(State(shared): State<Arc<Shared>>, request: Request<Body>, next: 
     response
 }
 
-async fn upgrade(State(shared): State<Arc<Shared>>, upgrade: WebSocketUpgrade) -> Response {
+async fn upgrade(
+    State(shared): State<Arc<Shared>>,
+    Extension(permit): Extension<Arc<OwnedSemaphorePermit>>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     let upgrade = upgrade.max_message_size(MESSAGE_BYTES).max_frame_size(MESSAGE_BYTES);
-    upgrade.on_upgrade(move |socket| connection(socket, shared))
+    upgrade.on_upgrade(move |socket| async move {
+        connection(socket, shared).await;
+        drop(permit);
+    })
 }
 
 /// One client among those that are counted.
@@ -219,7 +230,7 @@ fn closing(why: &str) -> Message {
 }
 
 async fn end(socket: &mut WebSocket, why: &str) {
-    _ = timeout(SEND_TIME, socket.send(closing(why))).await;
+    _ = timeout(END_TIME, socket.send(closing(why))).await;
 }
 
 /// Sends what waits, until the client takes nothing any more.
@@ -282,7 +293,11 @@ async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), 
         };
         let answer = match parsed {
             Ok(ClientMessage::Ping { time }) => Some(ServerMessage::Pong { time }),
-            Ok(ClientMessage::Files { folder }) => Some(listed(&shared.admission, folder)),
+            Ok(ClientMessage::Files { folder }) => {
+                let admission = shared.admission.clone();
+                // The threads of the network do not wait for a disk.
+                tokio::task::spawn_blocking(move || listed(&admission, folder)).await.ok()
+            }
             Ok(message) => match opened(&shared.admission, &message) {
                 Ok(file) => {
                     _ = shared.events.send(SessionEvent::Said { id, said: Said { at, message, file } });

@@ -5,12 +5,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
+use rayon::ThreadPool;
 
 use super::admission::Admission;
 use super::client::Client;
 use super::session_event::SessionEvent;
 use crate::gpu::Device;
-use crate::viewer::remote::state;
+use crate::threads;
+use crate::viewer::remote::{ClientMessage, state};
 use crate::viewer::{Offscreen, Setup};
 
 /// The size of the first viewer, which reads the scenes for all and is seen by none.
@@ -25,9 +27,13 @@ pub struct Sessions {
     setup: Setup,
     admission: Admission,
     sender: Sender<SessionEvent>,
+    /// Compresses pictures. A float64 reference, which takes all threads of the shared pool, does not hold them up.
+    pool: Arc<ThreadPool>,
     first: Offscreen,
     is_read: bool,
     clients: Vec<Client>,
+    /// Clients that have left, and whose jobs still run.
+    leaving: Vec<Client>,
 }
 
 impl Sessions {
@@ -39,8 +45,18 @@ impl Sessions {
         let wake = sender.clone();
         let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(0))));
         let first = Offscreen::bare(setup.clone(), device, FIRST_SIZE, wake)?;
-        let device = device.clone();
-        Ok(Self { device, setup, admission, sender, first, is_read: false, clients: Vec::new() })
+        let (device, pool) = (device.clone(), Arc::new(threads::pool(rayon::current_num_threads())?));
+        Ok(Self {
+            device,
+            setup,
+            admission,
+            sender,
+            pool,
+            first,
+            is_read: false,
+            clients: Vec::new(),
+            leaving: Vec::new(),
+        })
     }
 
     /// Draws until the device is lost, or the scenes turn out to be unreadable.
@@ -90,7 +106,7 @@ impl Sessions {
         for client in &mut self.clients {
             match self.is_read {
                 true => client.join(&self.first),
-                false => client.send_state(state(&mut self.first.session)),
+                false => drop(client.send_state(state(&mut self.first.session))),
             }
         }
         Ok(())
@@ -100,7 +116,7 @@ impl Sessions {
         match event {
             SessionEvent::Joined { id, outbox, size, view } => {
                 let connection = (id, outbox.clone(), self.sender.clone());
-                let shared = (self.setup.clone(), &self.device, &self.admission);
+                let shared = (self.setup.clone(), &self.device, &self.admission, self.pool.clone());
                 match Client::new(connection, shared, (size, view)) {
                     Ok(mut client) => {
                         if self.is_read {
@@ -112,11 +128,20 @@ impl Sessions {
                 }
             }
             SessionEvent::Said { id, said } => {
-                if let Some(client) = self.client(id) {
+                // References of several clients would take turns on the same threads.
+                let asks = matches!(&said.message, ClientMessage::Compare { with } if with == "reference");
+                if asks && self.is_comparing() {
+                    let why = "a float64 reference is being drawn: ask again when it is done".to_owned();
+                    self.clients.iter().filter(|client| client.id == id).for_each(|client| client.refuse(why.clone()));
+                } else if let Some(client) = self.client(id) {
                     client.say(said);
                 }
             }
-            SessionEvent::Left { id } => self.clients.retain(|client| client.id != id),
+            SessionEvent::Left { id } => {
+                let left = self.clients.extract_if(.., |client| client.id == id);
+                self.leaving.extend(left);
+                self.leaving.retain(Client::has_jobs);
+            }
             SessionEvent::Compressed { id, pixels, bytes } => {
                 if let Some(client) = self.client(id) {
                     client.compressed(pixels, bytes);
@@ -129,6 +154,12 @@ impl Sessions {
             }
         }
         Ok(())
+    }
+
+    /// True while a reference is being drawn, also for a client that has left.
+    fn is_comparing(&mut self) -> bool {
+        self.leaving.retain(Client::has_jobs);
+        !self.leaving.is_empty() || self.clients.iter().any(Client::is_comparing)
     }
 
     fn client(&mut self, id: u64) -> Option<&mut Client> {

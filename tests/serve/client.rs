@@ -35,6 +35,8 @@ pub struct Picture {
     /// The last input that it answers.
     pub answered: u32,
     pub size: [u32; 2],
+    /// The server says that `smalto render` writes this file.
+    pub is_of_render: bool,
     /// The file of a picture without loss.
     pub png: Option<Vec<u8>>,
     pub pixels: RgbImage,
@@ -155,7 +157,7 @@ impl Client {
         if self.confirms {
             self.say(json!({ "do": "shown", "picture": number }));
         }
-        Some(Picture { number, answered, size, png, pixels })
+        Some(Picture { number, answered, size, is_of_render: word(0) == 3, png, pixels })
     }
 
     /// The next picture without loss.

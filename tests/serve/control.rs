@@ -103,7 +103,8 @@ fn looks_comparisons_and_pixels_are_shown() {
     assert!((15.0..80.0).contains(&compared["psnr"].as_f64().unwrap()), "{compared}");
     client.say(json!({ "do": "compare-by", "mode": "difference", "split": null, "gain": 10 }));
     client.until(|state| state["comparison"]["mode"] == "difference");
-    client.say(json!({ "do": "compare", "with": "reference" }));
+    (0..2).for_each(|_| client.say(json!({ "do": "compare", "with": "reference" })));
+    assert!(client.told("refused")["why"].as_str().unwrap().contains("drawn"));
     let compared = client
         .until(|state| state["comparison"]["second"] == "float64 reference" && state["comparison"]["psnr"].is_f64());
     assert!(compared["comparison"]["psnr"].as_f64().unwrap() > 45.0, "{compared}");

@@ -39,13 +39,32 @@ fn a_picture_at_rest_is_the_file_of_render() {
         let first = client.exact();
         let state = client.until(|state| !state["rest"].is_null());
         let command = state["rest"]["command"].as_str().unwrap().to_owned();
-        assert!(rendered(&command) == first.png.unwrap(), "{command}");
+        assert!(first.is_of_render && rendered(&command) == first.png.unwrap(), "{command}");
         drag(&mut client, [30.0, 11.0]);
         let moved = client.exact();
         let state = client.until(|state| !state["rest"].is_null() && state["rest"]["command"] != *command);
         let command = state["rest"]["command"].as_str().unwrap();
-        assert!(rendered(command) == moved.png.unwrap(), "{command}");
+        assert!(moved.is_of_render && rendered(command) == moved.png.unwrap(), "{command}");
         assert!(moved.number > first.number && moved.pixels != first.pixels);
+    }
+}
+
+#[test]
+fn what_render_does_not_draw_is_not_called_its_file() {
+    let server = Server::start(&["cactus:2000", "cactus:300"]);
+    let mut client = Client::connect(&server);
+    let both = client.exact();
+    assert!(!both.is_of_render, "render draws one scene");
+    client.say(json!({ "do": "close", "scene": 1 }));
+    let one = client.exact();
+    assert!(one.is_of_render && one.pixels != both.pixels);
+    client.say(json!({ "do": "close", "scene": 0 }));
+    assert!(client.told("refused")["why"].as_str().unwrap().contains("last scene"));
+    for message in
+        [json!({ "do": "look", "name": "depth", "range": null }), json!({ "do": "compare", "with": "preview" })]
+    {
+        client.say(message);
+        assert!(!client.exact().is_of_render);
     }
 }
 
@@ -94,6 +113,14 @@ fn a_client_that_shows_nothing_gets_few_pictures() {
         }
     };
     assert!(pictures <= 14 && newest == 0, "{pictures} pictures without an answer");
+    let events = vec![json!({ "kind": "gone" }); 256];
+    (0..20).for_each(|_| client.input(json!(events)));
+    let why = loop {
+        if let Heard::End(why) = client.hear() {
+            break why;
+        }
+    };
+    assert!(why.contains("shows no pictures"), "{why}");
 }
 
 #[test]

@@ -10,13 +10,12 @@ let welcome = null;
 let state = null;
 let attempts = 0;
 let names = [];
-// The settings that this page has changed, which a link and a new connection have, too.
-const changed = { preset: null, knobs: {}, look: null };
-let lastView = null;
+// The view and the settings at the last rest, which a link and a new connection have, too.
+let saved = { view: null, preset: null, knobs: {}, look: null };
 let exact = null;
 let drawn = 0;
 let parts = null;
-let loss = null;
+const losses = new Map();
 let received = [];
 let roundTrip = null;
 const held = new Set();
@@ -39,20 +38,25 @@ const token = (() => {
 function readAddress() {
   const text = new URLSearchParams(location.hash.slice(1)).get('view');
   try {
-    const saved = text ? JSON.parse(text) : null;
-    if (saved) {
-      lastView = saved.view || null;
-      changed.preset = saved.preset || null;
-      changed.knobs = saved.knobs || {};
-      changed.look = saved.look || null;
-    }
+    if (text) saved = { ...saved, ...JSON.parse(text) };
   } catch (_) { /* An address that was cut begins at the first view. */ }
 }
 
 function address() {
-  const saved = { view: lastView, ...changed };
   return '#' + new URLSearchParams({ view: JSON.stringify(saved) });
 }
+
+// Knobs of levels are no part of a preset.
+function settings() {
+  const knobs = {};
+  welcome.knobs.forEach(({ name, is_of_levels: isOfLevels }, i) => {
+    if (isOfLevels ? state.has_levels : !state.preset) knobs[name] = state.knobs[i];
+  });
+  return { view: state.rest.view, preset: state.preset, knobs, look: state.look };
+}
+
+// A pasted link or a new token.
+window.addEventListener('hashchange', () => location.reload());
 
 // ---- The connection.
 
@@ -67,19 +71,20 @@ function size() {
 }
 
 function connect() {
-  const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
-  socket = new WebSocket(`${scheme}//${location.host}/socket`);
+  socket = new WebSocket(`ws://${location.host}/socket`);
   socket.binaryType = 'arraybuffer';
   socket.onopen = () => {
     drawn = 0;
-    parts = null;
+    parts = exact = null;
     asked.length = 0;
-    say({ do: 'hello', token, size: size(), view: lastView });
+    losses.clear();
+    say({ do: 'hello', token, size: size(), view: saved.view });
   };
+  const own = socket;
   socket.onmessage = ({ data }) => {
     if (typeof data === 'string') return hear(JSON.parse(data));
     received.push([performance.now(), data.byteLength]);
-    showPicture(data);
+    showPicture(data, own);
   };
   socket.onclose = ({ reason }) => {
     socket = null;
@@ -99,9 +104,9 @@ function hear(message) {
       names = [];
       build();
       showCameras();
-      if (changed.preset) say({ do: 'preset', name: changed.preset });
-      for (const [knob, value] of Object.entries(changed.knobs)) say({ do: 'set', knob, value });
-      if (changed.look) say({ do: 'look', name: changed.look, range: null });
+      if (saved.preset) say({ do: 'preset', name: saved.preset });
+      for (const [knob, value] of Object.entries(saved.knobs)) say({ do: 'set', knob, value });
+      if (saved.look) say({ do: 'look', name: saved.look, range: null });
       break;
     case 'state':
       state = message;
@@ -112,7 +117,8 @@ function hear(message) {
       showCameras();
       break;
     case 'loss':
-      loss = message;
+      losses.set(message.picture, message.psnr);
+      losses.delete(message.picture - 60);
       showWhat();
       break;
     case 'files':
@@ -121,6 +127,9 @@ function hear(message) {
     case 'refused':
       notice(message.why);
       setTimeout(() => notice(''), 5000);
+      // A value that was refused does not stay in its field.
+      if (document.activeElement.dataset.knob) document.activeElement.blur();
+      if (state) showState();
       break;
     case 'pong':
       roundTrip = performance.now() - message.time;
@@ -135,58 +144,58 @@ function notice(text) {
 
 // ---- Pictures.
 
-async function showPicture(data) {
+async function showPicture(data, own) {
   const words = new DataView(data);
   const word = (i) => words.getUint32(4 * i, true);
   const [kind, number, answered, width, height] = [0, 1, 2, 3, 4].map(word);
-  let draw;
+  const images = [];
+  let png = null;
   if (kind === 1) {
     const [reduction, count] = [word(5), word(6)];
     let place = 28 + 12 * count;
-    const strips = [];
     for (let i = 0; i < count; i++) {
-      const [top, rows, bytes] = [7 + 3 * i, 8 + 3 * i, 9 + 3 * i].map(word);
-      strips.push({ top, rows, file: new Blob([new Uint8Array(data, place, bytes)], { type: 'image/jpeg' }) });
+      const [top, , bytes] = [7 + 3 * i, 8 + 3 * i, 9 + 3 * i].map(word);
+      const file = new Blob([new Uint8Array(data, place, bytes)], { type: 'image/jpeg' });
+      images.push(createImageBitmap(file).then((image) => [image, top, reduction]));
       place += bytes;
     }
-    const images = await Promise.all(strips.map(({ file }) => createImageBitmap(file)));
-    draw = () => {
-      context.imageSmoothingEnabled = false;
-      images.forEach((image, i) => {
-        const { top } = strips[i];
-        context.drawImage(image, 0, top, image.width * reduction, image.height * reduction);
-        image.close();
-      });
-    };
   } else {
     const [begin, bytes] = [word(5), word(6)];
-    if (begin === 0) parts = { number, bytes, have: 0, all: [] };
+    if (begin === 0) parts = { number, have: 0, all: [] };
     if (!parts || parts.number !== number) return;
     parts.all.push(new Uint8Array(data, 28));
     parts.have += data.byteLength - 28;
     if (parts.have < bytes) return;
     const file = new Blob(parts.all, { type: 'image/png' });
     parts = null;
-    const image = await createImageBitmap(file, { colorSpaceConversion: 'none', premultiplyAlpha: 'none' });
-    draw = () => {
-      context.drawImage(image, 0, 0);
-      image.close();
-    };
-    if (number > drawn) exact = { number, file };
+    png = { number, file, isOfRender: kind === 3 };
+    const options = { colorSpaceConversion: 'none', premultiplyAlpha: 'none' };
+    images.push(createImageBitmap(file, options).then((image) => [image, 0, 1]));
   }
-  // Strips of an older picture may be decoded later than those of a newer one.
-  if (number > drawn) {
+  let decoded = [];
+  try {
+    decoded = await Promise.all(images);
+  } catch (_) {
+    notice('The browser cannot decode a picture');
+  }
+  // Another connection begins to number anew. Strips of a picture may be decoded later than those of a newer one.
+  if (own !== socket) return;
+  if (number > drawn && decoded.length) {
     drawn = number;
     if (canvas.width !== width || canvas.height !== height) {
       canvas.width = width;
       canvas.height = height;
     }
-    draw();
-    if (kind === 1) exact = null;
+    context.imageSmoothingEnabled = false;
+    for (const [image, top, scale] of decoded) {
+      context.drawImage(image, 0, top, image.width * scale, image.height * scale);
+    }
+    exact = png;
     shownTimes.push(performance.now());
     answer(answered);
     showWhat();
   }
+  decoded.forEach(([image]) => image.close());
   say({ do: 'shown', picture: number });
 }
 
@@ -203,20 +212,21 @@ function answer(number) {
 }
 
 function showWhat() {
-  const what = at('what');
-  what.classList.toggle('is-exact', !!exact);
-  let text = 'connecting';
-  if (socket && exact && state && state.look === 'colour' && !state.comparison) text = 'exact: the pixels of smalto render';
-  else if (socket && exact) text = 'without loss';
-  else if (socket && drawn) {
-    const db = loss && loss.picture >= drawn - 3 ? (loss.psnr === null ? 'no pixel differs' : `${loss.psnr.toFixed(1)} dB`) : '';
-    text = `compressed${db ? `, ${db}` : ''}`;
-  } else if (socket && state && !state.rest) text = 'reading the scene';
-  else if (!socket) text = 'not connected';
-  if (what.textContent !== text) what.textContent = text;
+  let [text, detail] = ['connecting', ''];
+  if (!socket) text = 'not connected';
+  else if (exact) text = exact.isOfRender ? 'exact: the pixels of smalto render' : 'without loss';
+  else if (drawn) {
+    text = 'compressed';
+    const psnr = losses.get(drawn);
+    if (psnr !== undefined) detail = psnr === null ? ', no pixel differs' : `, ${psnr.toFixed(1)} dB`;
+  } else if (state && !state.rest) text = 'reading the scene';
+  // A screen reader says the kind of picture, and not each loss.
+  for (const [id, value] of [['what', text], ['loss', detail]]) {
+    if (at(id).textContent !== value) at(id).textContent = value;
+  }
+  at('what').classList.toggle('is-exact', !!exact && exact.isOfRender);
   at('save').disabled = !exact;
   document.body.dataset.picture = exact ? 'exact' : drawn ? 'compressed' : 'none';
-  document.body.dataset.number = drawn;
 }
 
 setInterval(() => {
@@ -276,11 +286,10 @@ function row(...cells) {
   return made;
 }
 
-function knobRow({ name, help, is_of_levels: isOfLevels, kind }) {
+function knobRow({ name, help, kind }) {
   const made = document.createElement('label');
   made.className = 'knob';
   made.title = help;
-  made.dataset.levels = isOfLevels;
   const text = made.appendChild(document.createElement('span'));
   text.textContent = name;
   let input;
@@ -294,7 +303,6 @@ function knobRow({ name, help, is_of_levels: isOfLevels, kind }) {
   input.dataset.knob = name;
   input.addEventListener('change', () => {
     const value = input.type === 'checkbox' ? String(input.checked) : input.value;
-    changed.knobs[name] = value;
     say({ do: 'set', knob: name, value });
   });
   made.append(input);
@@ -320,8 +328,11 @@ function showState() {
   at('title').textContent = state.title;
   at('camera').value = state.camera === null ? '' : String(state.camera);
   put(at('preset'), state.preset || '');
-  const hasLevels = state.levels !== null || state.missing_pages > 0;
-  welcome.knobs.forEach(({ name }, i) => put(at('knobs').children[i].querySelector('[data-knob]'), state.knobs[i]));
+  welcome.knobs.forEach(({ is_of_levels: isOfLevels }, i) => {
+    const made = at('knobs').children[i];
+    made.hidden = isOfLevels && !state.has_levels;
+    put(made.querySelector('[data-knob]'), state.knobs[i]);
+  });
   put(at('look'), state.look);
   const look = welcome.looks.find(({ name }) => name === state.look);
   at('scale').hidden = !look.has_scale;
@@ -329,26 +340,37 @@ function showState() {
   put(at('low'), String(state.range[0]));
   put(at('high'), String(state.range[1]));
   showScenes();
-  showStages(hasLevels);
+  showStages();
   showComparison();
   showExplanation();
   const messages = [...state.messages];
   if (state.nothing) messages.push({ is_error: false, text: state.nothing });
-  at('messages').replaceChildren(...messages.map(({ is_error: isError, text }) => {
-    const made = document.createElement('p');
-    made.textContent = text;
-    if (isError) made.className = 'error';
-    return made;
-  }));
+  if (isNew(at('messages'), messages)) {
+    at('messages').replaceChildren(...messages.map(({ is_error: isError, text }) => {
+      const made = document.createElement('p');
+      made.textContent = text;
+      if (isError) made.className = 'error';
+      return made;
+    }));
+  }
   at('link').disabled = at('command').disabled = !state.rest;
   if (state.rest) {
-    lastView = state.rest.view;
+    saved = settings();
     history.replaceState(null, '', address());
   }
   showWhat();
 }
 
+// True if an element shows something else. What is made again loses the keyboard, and is read out again.
+function isNew(element, content) {
+  const text = JSON.stringify(content);
+  const isOther = element.dataset.content !== text;
+  element.dataset.content = text;
+  return isOther;
+}
+
 function showScenes() {
+  if (!isNew(at('scenes'), state.scenes)) return;
   at('scenes').replaceChildren(...state.scenes.map(({ name, summary, is_shown: isShown, progress }, i) => {
     const made = document.createElement('label');
     made.className = 'row';
@@ -358,6 +380,15 @@ function showScenes() {
     box.checked = isShown;
     box.addEventListener('change', () => say({ do: 'show', scene: i, is_shown: box.checked }));
     made.append(progress === null ? name : `${name}, ${Math.round(100 * progress)} % read`);
+    if (state.scenes.length > 1) {
+      const close = made.appendChild(document.createElement('button'));
+      close.textContent = 'close';
+      close.setAttribute('aria-label', `Close ${name}`);
+      close.addEventListener('click', (event) => {
+        event.preventDefault();
+        say({ do: 'close', scene: i });
+      });
+    }
     return made;
   }));
 }
@@ -447,12 +478,9 @@ at('browse').addEventListener('click', () => say({ do: 'files', folder: '' }));
 at('camera').addEventListener('change', ({ target }) => target.value !== '' && say({ do: 'camera', index: Number(target.value) }));
 at('preset').addEventListener('change', ({ target }) => {
   if (!target.value) return;
-  changed.preset = target.value;
-  changed.knobs = {};
   say({ do: 'preset', name: target.value });
 });
 at('look').addEventListener('change', ({ target }) => {
-  changed.look = target.value;
   say({ do: 'look', name: target.value, range: null });
 });
 for (const id of ['low', 'high']) {
@@ -487,7 +515,10 @@ async function copy(text, what) {
   }
 }
 at('link').addEventListener('click', () => copy(location.origin + location.pathname + address(), 'The link'));
-at('command').addEventListener('click', () => copy(state.rest.command, 'The command'));
+at('command').addEventListener('click', () => {
+  const { command, left_out: leftOut } = state.rest;
+  copy(command, leftOut.length ? `The command without ${leftOut.join(' and ')}` : 'The command');
+});
 at('open-panel').addEventListener('click', togglePanel);
 function togglePanel() {
   const isHidden = document.body.classList.toggle('is-hidden');
@@ -590,10 +621,6 @@ canvas.addEventListener('pointercancel', release);
 canvas.addEventListener('pointerleave', () => input({ kind: 'gone' }));
 canvas.addEventListener('contextmenu', (event) => event.preventDefault());
 canvas.addEventListener('auxclick', (event) => event.preventDefault());
-canvas.addEventListener('dblclick', (event) => {
-  place(event);
-  say({ do: 'focus', pixel: pixel() });
-});
 canvas.addEventListener('wheel', (event) => {
   event.preventDefault();
   const points = event.deltaMode === 1 ? 20 * event.deltaY : event.deltaY;
@@ -614,9 +641,11 @@ const plainName = (event) => (event.key === ' ' ? 'Space' : event.key.length ===
 
 document.addEventListener('keydown', (event) => {
   const target = event.target;
-  if (target.matches('input, select, textarea') || !welcome) return;
-  if (target.matches('button, summary') && (event.key === ' ' || event.key === 'Enter')) return;
-  const flies = welcome.actions.find(({ is_held: isHeld, key }) => isHeld && key === plainName(event));
+  if (target.matches('select, input:not([type=checkbox], [type=radio], [type=range])') || !welcome) return;
+  const isWidget = target.matches('button, summary, input');
+  if (isWidget && [' ', 'Enter', 'ArrowLeft', 'ArrowRight', 'ArrowUp', 'ArrowDown'].includes(event.key)) return;
+  // With the command key of a Mac, no release of another key is told.
+  const flies = !event.metaKey && welcome.actions.find(({ is_held: isHeld, key }) => isHeld && key === plainName(event));
   const acts = welcome.actions.find(({ is_held: isHeld, key }) => !isHeld && key === keyName(event));
   if (acts) say({ do: 'act', action: acts.name });
   else if (flies && !event.repeat) {

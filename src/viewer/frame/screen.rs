@@ -33,8 +33,6 @@ pub struct Screen {
     retired: Vec<RetiredFrame>,
     /// The pictures recorded by [`Screen::draw`] and not yet shown.
     drawing: Option<Drawing>,
-    /// Nothing is drawn over the pictures.
-    is_bare: bool,
 }
 
 enum Target {
@@ -127,18 +125,7 @@ impl Screen {
             frames: VecDeque::new(),
             retired: Vec::new(),
             drawing: None,
-            is_bare: false,
         }
-    }
-
-    /// True if nothing is drawn over the pictures.
-    pub fn is_bare(&self) -> bool {
-        self.is_bare
-    }
-
-    /// Shows the pictures alone, without panels and labels.
-    pub fn bare(self) -> Self {
-        Self { is_bare: true, ..self }
     }
 
     /// Releases the window for another screen.
@@ -187,9 +174,7 @@ impl Screen {
 
     /// Applies these changes to the textures of the panels with the next frame.
     pub fn add_textures(&mut self, changes: TexturesDelta) {
-        if !self.is_bare {
-            self.textures.append(changes);
-        }
+        self.textures.append(changes);
     }
 
     /// True while frames are in flight.
@@ -315,7 +300,7 @@ impl Screen {
             None => (&first, Compare::First),
         };
         cmd.scope("display", |cmd| self.display.record(cmd, [&first, second], compare, arrangement.quantity, image))?;
-        if arrangement.triangles.is_empty() || self.is_bare {
+        if arrangement.triangles.is_empty() {
             return Ok(());
         }
         let overlay = match &mut self.overlay {

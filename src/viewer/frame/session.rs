@@ -323,7 +323,7 @@ impl Session {
                 drawn.renderer.render(&camera, background)?;
             }
         }
-        let times_stages = !self.viewer.panels.are_hidden || self.screen.is_bare();
+        let times_stages = !self.viewer.panels.are_hidden || self.viewer.panels.are_elsewhere;
         self.screen.draw(&mut self.pair, &camera, background, times_stages)?;
         self.viewer.pictures.view = Some(camera);
         (self.viewer.inspector.snapshot, self.viewer.inspector.depths) = (None, None);

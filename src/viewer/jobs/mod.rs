@@ -95,6 +95,11 @@ impl<E: Send + 'static> Jobs<E> {
         running.push(thread);
     }
 
+    /// True while a job runs.
+    pub fn are_running(&self) -> bool {
+        self.running.lock().expect("no holder of the threads panics").iter().any(|thread| !thread.is_finished())
+    }
+
     /// Waits until no job runs. A driver may crash if the program ends while a job uses the device.
     pub fn wait(&self) {
         for thread in self.running.lock().expect("no holder of the threads panics").drain(..) {

@@ -6,6 +6,8 @@ use super::recent::{RecentState, Tab};
 /// The state of the panels and dialogs.
 pub struct Panels {
     pub are_hidden: bool,
+    /// A web page has them: nothing is laid out over the picture.
+    pub are_elsewhere: bool,
     pub shows_help: bool,
     pub dialog: Dialog,
     /// The window has room for two pages beside each other.

@@ -83,6 +83,7 @@ impl Viewer {
             pointer: Pointer::default(),
             panels: Panels {
                 are_hidden: setup.hides_panels,
+                are_elsewhere: false,
                 shows_help: false,
                 dialog: Dialog::default(),
                 is_wide: false,

@@ -57,6 +57,9 @@ pub fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui, events: Vec<egui::Eve
     let pixels = (free.size() * ui.ctx().pixels_per_point()).round();
     viewer.pictures.are_stale |= viewer.view.set_sizes(viewer.view.window_size, [pixels.x as u32, pixels.y as u32]);
     input::handle_events(viewer, ui, free, events);
+    if viewer.panels.are_elsewhere {
+        return;
+    }
     overlay::show(viewer, pair, free, ui);
     readout::show(viewer, pair, free, ui);
     let world = WorldPainter::new(viewer, ui);

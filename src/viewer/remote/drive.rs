@@ -38,6 +38,9 @@ pub(super) const HELD: [Action; 9] = [
 /// The name of the message that closes messages and explanations, like the key Escape.
 pub(super) const ESCAPE: &str = "escape";
 
+/// Most requests that wait for a frame.
+const MAX_REQUESTS: usize = 64;
+
 /// Most events of one message.
 const MAX_EVENTS: usize = 256;
 
@@ -47,6 +50,9 @@ const MAX_EVENTS: usize = 256;
 /// A sentence for the user if it cannot be done.
 pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>, String> {
     let viewer = &mut session.viewer;
+    if viewer.requests.len() > MAX_REQUESTS {
+        return Err("too much is asked for at once".to_owned());
+    }
     match message {
         ClientMessage::Input { events, .. } if events.len() > MAX_EVENTS => {
             return Err(format!("a message has {MAX_EVENTS} events at most"));
@@ -83,6 +89,7 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         }
         ClientMessage::Compare { with } => match with.as_str() {
             "nothing" => viewer.comparison.target = CompareTarget::Nothing,
+            "reference" if viewer.comparison.is_loading => return Err("a picture is being drawn already".to_owned()),
             "reference" => viewer.compare_with_reference(),
             name => viewer.comparison.target = CompareTarget::Options(Some(preset(name)?)),
         },
@@ -96,6 +103,13 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         ClientMessage::Focus { pixel } => viewer.requests.push(Request::Focus(inside(viewer, pixel)?)),
         ClientMessage::Show { scene, is_shown } => match viewer.scenes.layers.get_mut(scene) {
             Some(layer) => layer.is_shown = [is_shown; 2],
+            None => return Err(format!("there is no scene {scene}")),
+        },
+        ClientMessage::Close { .. } if viewer.scenes.layers.len() == 1 => {
+            return Err("the last scene stays open".to_owned());
+        }
+        ClientMessage::Close { scene } => match viewer.scenes.layers.get(scene).map(|layer| layer.number) {
+            Some(number) => viewer.close(number),
             None => return Err(format!("there is no scene {scene}")),
         },
         ClientMessage::Hello { .. }

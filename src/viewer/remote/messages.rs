@@ -58,6 +58,8 @@ pub enum ClientMessage {
     Focus { pixel: [u32; 2] },
     /// Show or hide a scene, by its place in the list.
     Show { scene: usize, is_shown: bool },
+    /// Close a scene, by its place in the list.
+    Close { scene: usize },
     /// List a folder below that of `--folder`; the empty text is that folder.
     Files { folder: String },
     /// Open a scene, a camera file or a picture of the folder, in addition.
@@ -240,6 +242,8 @@ pub struct State {
     /// GPU time of a frame and of its stages: medians of the last frames, ms.
     pub gpu_ms: Option<f64>,
     pub stages: Vec<(String, f64)>,
+    /// A scene has levels of detail.
+    pub has_levels: bool,
     /// PSNR of the levels of detail against all Gaussians, as text, once it is measured.
     pub levels: Option<String>,
     /// Pages of levels that are not in memory yet.

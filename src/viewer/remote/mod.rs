@@ -10,4 +10,4 @@ mod state;
 
 pub use drive::drive;
 pub use messages::{ClientMessage, ServerMessage, State};
-pub use state::{state, welcome};
+pub use state::{is_of_render, state, welcome};

@@ -7,7 +7,7 @@ use super::messages::{
 };
 use crate::gpu::Device;
 use crate::options::{KNOBS, Kind, Options};
-use crate::render::false_colour;
+use crate::render::{Inspection, Quantity, false_colour};
 use crate::viewer::actions::Program;
 use crate::viewer::frame::Session;
 use crate::viewer::model::{
@@ -104,12 +104,25 @@ pub fn state(session: &mut Session) -> State {
         visible: pair.first.as_ref().map_or(0, |first| first.frame.totals.visible),
         gpu_ms,
         stages,
+        has_levels: viewer.scenes.have_levels(),
         levels,
         missing_pages: residency.map_or(0, |pages| pages.missing),
         messages,
         nothing: viewer.why_nothing_is_seen(pair),
         rest: is_settled.then(rest).flatten(),
     }
+}
+
+/// True if the picture at rest is the one that the copied command line writes: nothing is left out of that, no page is
+/// missing, and the picture has plain colours.
+pub fn is_of_render(session: &Session) -> bool {
+    let viewer = &session.viewer;
+    let settings = &viewer.inspector.settings;
+    settings.inspection() == Inspection::default()
+        && settings.quantity() == Quantity::Colour
+        && viewer.comparison.target == CompareTarget::Nothing
+        && session.residency().is_none_or(|pages| pages.missing == 0)
+        && viewer.command_line(Program::Render).1.is_empty()
 }
 
 fn comparison(session: &Session) -> Option<ComparisonEntry> {

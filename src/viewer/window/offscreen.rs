@@ -55,16 +55,19 @@ pub struct PageCounts {
 
 impl Offscreen {
     pub fn new(setup: Setup, device: &Device, size: [u32; 2]) -> Result<Self> {
-        Self::of(setup, Screen::offscreen(device, size)?, size, Arc::new(|| {}))
+        Self::with_wake(setup, device, size, Arc::new(|| {}))
     }
 
-    /// A viewer whose frames are pictures without panels and labels. `wake` is called, from any thread, when a job has
+    /// A viewer whose frames are pictures without anything over them. `wake` is called, from any thread, when a job has
     /// sent an event.
     pub fn bare(setup: Setup, device: &Device, size: [u32; 2], wake: Arc<dyn Fn() + Send + Sync>) -> Result<Self> {
-        Self::of(setup, Screen::offscreen(device, size)?.bare(), size, wake)
+        let mut bare = Self::with_wake(Setup { hides_panels: true, ..setup }, device, size, wake)?;
+        bare.viewer().panels.are_elsewhere = true;
+        Ok(bare)
     }
 
-    fn of(setup: Setup, screen: Screen, size: [u32; 2], wake: Arc<dyn Fn() + Send + Sync>) -> Result<Self> {
+    fn with_wake(setup: Setup, device: &Device, size: [u32; 2], wake: Arc<dyn Fn() + Send + Sync>) -> Result<Self> {
+        let screen = Screen::offscreen(device, size)?;
         let viewer = Viewer::new(setup, Jobs::new(wake), size);
         let session = Session::new(viewer, screen, egui::Context::default());
         Ok(Self { session, size, started: Instant::now(), events: Vec::new() })
