@@ -9,11 +9,10 @@ use super::devices::DeviceArgs;
 use super::headings::{ACCURACY, CAMERAS};
 use super::knobs::Knobs;
 use super::scenes::ReadingArgs;
-use super::view::{FADE, opaque};
+use super::view::{FADE, opaque, procedural};
 use super::{Usage, complain, knobs, remark, say, values};
 use crate::files::describe;
 use crate::options::Options;
-use crate::procedural::Procedural;
 use crate::rules::Background;
 use crate::scene::Unreadable;
 use crate::serve;
@@ -42,7 +41,9 @@ pub(super) struct Args {
     /// loopback addresses, browsers need the token in the printed address.
     #[arg(long, help_heading = SERVER, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
-    /// Ask for a token on loopback addresses, too: other users of this machine can connect otherwise
+    /// Ask for a token on loopback addresses, too
+    ///
+    /// Other users of this machine can connect otherwise.
     #[arg(long, help_heading = SERVER)]
     token: bool,
     /// Folder whose scenes, cameras and pictures browsers may open
@@ -80,9 +81,7 @@ const SERVER: &str = "Server";
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
     for scene in &args.scenes {
-        let procedural = scene.to_str().and_then(Procedural::parse);
-        let procedural = procedural.transpose();
-        let is_file = procedural.map_err(|problem| Usage(format!("{}: {problem:#}", scene.display())))?.is_none();
+        let is_file = procedural(scene)?.is_none();
         // An address that leads to nothing is not printed.
         if let Some(problem) = std::fs::metadata(scene).err().filter(|_| is_file) {
             return Err(Unreadable::new(scene, &anyhow::anyhow!(describe(&problem))).into());

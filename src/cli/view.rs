@@ -1,6 +1,6 @@
 //! `smalto view`: opens scenes in a window, or draws the frames of the viewer without one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
@@ -213,8 +213,7 @@ fn vsync_values() -> impl TypedValueParser<Value = Vsync> {
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
     for scene in &args.scenes {
-        let procedural = scene.to_str().and_then(Procedural::parse);
-        procedural.transpose().map_err(|problem| Usage(format!("{}: {problem:#}", scene.display())))?;
+        procedural(scene)?;
     }
     let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
     let compares_with = args.compare.as_ref().map(|with| match Options::preset(with) {
@@ -270,6 +269,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
         with_pipeline_cache: super::pipeline_cache::with_pipeline_cache,
         fault,
     })
+}
+
+/// The procedural scene of this name; `None` for a file.
+pub(super) fn procedural(scene: &Path) -> Result<Option<Procedural>, Usage> {
+    let parsed = scene.to_str().and_then(Procedural::parse).transpose();
+    parsed.map_err(|problem| Usage(format!("{}: {problem:#}", scene.display())))
 }
 
 /// A background that a window can have.

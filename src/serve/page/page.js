@@ -449,7 +449,10 @@ function showExplanation() {
       [splat.share.toFixed(4), 'td'], [swatch, 'td']));
   }
   at('explained').replaceChildren(intro, table);
-  if (JSON.stringify(pixel) !== showExplanation.last) at('explained-section').open = true;
+  if (JSON.stringify(pixel) !== showExplanation.last) {
+    at('explained-section').open = true;
+    at('explained-section').scrollIntoView({ block: 'nearest' });
+  }
   showExplanation.last = JSON.stringify(pixel);
 }
 
