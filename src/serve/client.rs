@@ -155,22 +155,19 @@ impl Client {
     /// Does what a message asks for.
     pub fn say(&mut self, said: Said) {
         if let Some(early) = &mut self.early {
-            return if early.len() < MAX_EARLY {
-                early.push(said)
-            };
+            if early.len() < MAX_EARLY {
+                early.push(said);
+            }
+            return;
         }
         let Said { at, message, file } = said;
+        if let ClientMessage::Shown { picture } = message {
+            return self.confirm(picture, at);
+        }
         if let ClientMessage::Input { number, .. } = message {
             self.answered = number;
         }
         let done = match message {
-            ClientMessage::Shown { picture } => {
-                self.shown = self.shown.max(picture.min(self.newest.load(Ordering::Relaxed)));
-                if let Some(sent) = self.outbox.sent_at(picture) {
-                    self.link.shown(sent, at);
-                }
-                Ok(Vec::new())
-            }
             ClientMessage::Resize { size } => match self.offscreen.resize(allowed(size)) {
                 Ok(()) => Ok(Vec::new()),
                 Err(problem) => Err(format!("{problem:#}")),
@@ -186,6 +183,14 @@ impl Client {
             Err(why) => self.refuse(why),
         }
         self.wake();
+    }
+
+    /// A picture is shown: a frame that is due may be drawn. It makes none due.
+    fn confirm(&mut self, picture: u32, at: Instant) {
+        self.shown = self.shown.max(picture.min(self.newest.load(Ordering::Relaxed)));
+        if let Some(sent) = self.outbox.sent_at(picture) {
+            self.link.shown(sent, at);
+        }
     }
 
     /// Opens a file in addition to the open ones, one after another.
@@ -249,7 +254,9 @@ impl Client {
         // The values of a picture are read back in the frame after it.
         let has_news = self.offscreen.session.retire_frames(true)?;
         let now = Instant::now();
-        if self.offscreen.viewer().timing.pace.shown > before && self.offscreen.session.pair.first.is_some() {
+        let is_shown = self.offscreen.viewer().timing.pace.shown > before;
+        // Nothing is sent before the first picture; later the screen is black while no scene is shown.
+        if is_shown && (self.picture.is_some() || self.offscreen.session.pair.first.is_some()) {
             let (size, rgba) = (self.offscreen.size(), self.offscreen.screen()?);
             if self.picture.as_ref().is_none_or(|last| last.size != size || last.rgba != rgba) {
                 self.send_compressed(Arc::new(ShownPicture { size, rgba }));

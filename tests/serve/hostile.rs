@@ -3,10 +3,11 @@
 use std::io::Write;
 use std::net::TcpStream;
 
-use serde_json::json;
+use serde_json::{Value, json};
 use tungstenite::Message;
 
 use crate::client::{Client, SIZE, socket};
+use crate::common::random::Random;
 use crate::server::Server;
 
 /// Messages that are wrong in many ways.
@@ -49,6 +50,69 @@ fn hostile_clients_hurt_nobody_else() {
     honest.say(json!({ "do": "resize", "size": SIZE }));
     assert!(honest.exact().png == before.png);
     drop((slow, silent));
+    assert!(server.is_running());
+}
+
+/// A message that can be read, with strange values.
+fn strange(random: &mut Random) -> Value {
+    let mut pick = |all: &[Value]| all[random.below(all.len() as u32) as usize].clone();
+    let number = [0.0, -1.0, 0.5, 159.0, 1e-30, 1e6, -1e9, 1e38].map(|value| json!(value));
+    let whole = [0, 1, 95, 159, 160, 65_535, u32::MAX].map(|value| json!(value));
+    let name = ["", "depth", "preview", "scale", "splats", "undo", "next-look", "freeze-culling", "é\u{0}", "../x"];
+    let name = name.map(|value| json!(value));
+    let (x, y, flag) = (pick(&number), pick(&number), pick(&[json!(true), json!(false)]));
+    let held = json!({ "shift": flag, "ctrl": pick(&[json!(true), json!(false)]), "alt": false });
+    let button = pick(&["left", "middle", "right"].map(|button| json!(button)));
+    let mode = pick(&["split", "flicker", "difference"].map(|mode| json!(mode)));
+    let messages = [
+        json!({ "do": "input", "events": [{ "kind": "move", "x": x, "y": y }] }),
+        json!({ "do": "input", "events": [
+            { "kind": "button", "x": x, "y": y, "button": button, "is_pressed": flag, "held": held },
+            { "kind": "wheel", "points": y }, { "kind": "zoom", "factor": x }] }),
+        json!({ "do": "input", "number": pick(&whole), "events": [
+            { "kind": "key", "action": "forward", "is_pressed": flag, "held": held }, { "kind": "blur" }] }),
+        json!({ "do": "resize", "size": [pick(&whole[..5]), pick(&whole[..5])] }),
+        json!({ "do": "set", "knob": pick(&name), "value": pick(&["0", "1e-9", "3", "nan", "inf", "-1"].map(|v| json!(v))) }),
+        json!({ "do": "preset", "name": pick(&name) }),
+        json!({ "do": "act", "action": pick(&name) }),
+        json!({ "do": "look", "name": pick(&name), "range": [x, y] }),
+        json!({ "do": "camera", "index": pick(&whole) }),
+        json!({ "do": "view", "view": { "position": [x, y, 0], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+            "width": pick(&whole), "height": 96, "fx": y, "fy": x, "id": 0, "img_name": "" } }),
+        json!({ "do": "compare", "with": pick(&name) }),
+        json!({ "do": "compare-by", "mode": mode, "split": x, "gain": y }),
+        json!({ "do": "explain", "pixel": [pick(&whole), pick(&whole)] }),
+        json!({ "do": "focus", "pixel": [pick(&whole), pick(&whole)] }),
+        json!({ "do": "show", "scene": pick(&whole[..2]), "is_shown": flag }),
+        json!({ "do": "close", "scene": pick(&whole) }),
+        json!({ "do": "files", "folder": pick(&name) }),
+        json!({ "do": "open", "file": pick(&name) }),
+        json!({ "do": "shown", "picture": pick(&whole) }),
+    ];
+    pick(&messages)
+}
+
+#[test]
+fn strange_values_do_no_harm() {
+    let mut server = Server::start(&["cactus:500"]);
+    let mut honest = Client::connect(&server);
+    let before = honest.exact();
+    let mut random = Random(7);
+    for round in 0..4 {
+        let mut client = Client::connect(&server);
+        for i in 0..60 {
+            client.say(strange(&mut random));
+            client.say(json!({ "do": "ping", "time": i }));
+            while client.told("pong")["time"] != json!(f64::from(i)) {}
+        }
+        // The viewer is still one that can be used.
+        client.say(json!({ "do": "resize", "size": [64 + round, 64] }));
+        while client.compressed().size != [64 + round, 64] {}
+    }
+    honest.say(json!({ "do": "resize", "size": [100, 60] }));
+    assert_eq!(honest.exact().size, [100, 60]);
+    honest.say(json!({ "do": "resize", "size": SIZE }));
+    assert!(honest.exact().png == before.png);
     assert!(server.is_running());
 }
 

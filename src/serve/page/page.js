@@ -603,7 +603,9 @@ canvas.addEventListener('pointermove', (event) => {
     compareBy(pointer[0] / canvas.width);
     return;
   }
-  input({ kind: 'move', ...place(event) });
+  // A pointer that only lies over the picture changes nothing on the server.
+  const moved = place(event);
+  if (event.buttons) input({ kind: 'move', ...moved });
 });
 function release(event) {
   if (canvas.dataset.drags === 'split') {

@@ -30,6 +30,11 @@ impl Messages {
         self.show(text.into(), true);
     }
 
+    /// Shows the messages of another viewer, too.
+    pub fn share(&mut self, other: &Self) {
+        other.all.iter().for_each(|message| self.show(message.text.clone(), message.is_error));
+    }
+
     fn show(&mut self, text: String, is_error: bool) {
         self.new.push((is_error, text.clone()));
         // A repeated message starts its time again.

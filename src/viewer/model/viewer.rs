@@ -96,6 +96,7 @@ impl Viewer {
     /// Shows the scenes, the cameras and the view of another viewer, which has read them.
     pub fn join(&mut self, other: &Self) {
         self.scenes.share(&other.scenes);
+        self.messages.share(&other.messages);
         (self.cameras.list, self.cameras.file) = (other.cameras.list.clone(), other.cameras.file.clone());
         let (window, size) = (self.view.window_size, self.view.size);
         self.view = other.view.clone();
