@@ -73,6 +73,23 @@ fn ask_for_huge_pages<T>(vec: &Vec<T>) {
 #[cfg(not(target_os = "linux"))]
 fn ask_for_huge_pages<T>(_vec: &Vec<T>) {}
 
+/// Lets all threads allocate from one arena if the addresses of this process are limited (`ulimit -v`). The allocator of
+/// glibc reserves 64 MiB for an arena of a thread's own whenever it finds room for them: also after a check of free
+/// memory, whose bytes are missing then.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+pub fn share_arena_under_a_limit() {
+    let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
+    // SAFETY: the limit is written to a variable of its type, and the option has this value in the manual.
+    unsafe {
+        if libc::getrlimit(libc::RLIMIT_AS, &raw mut limit) == 0 && limit.rlim_cur != libc::RLIM_INFINITY {
+            libc::mallopt(libc::M_ARENA_MAX, 1);
+        }
+    }
+}
+
+#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+pub fn share_arena_under_a_limit() {}
+
 fn no_host_memory<T>(len: usize, name: &str) -> OutOfMemory {
     OutOfMemory {
         name: name.to_owned(),

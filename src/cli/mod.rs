@@ -89,7 +89,7 @@ use clap::{Parser, Subcommand};
 
 use crate::files::describe;
 use crate::gpu::{Device, TooLarge, Unavailable};
-use crate::host_memory::OutOfMemory;
+use crate::host_memory::{OutOfMemory, share_arena_under_a_limit};
 use crate::measure::trade::Unmeetable;
 use crate::render::{NoLevels, UndrawableLens};
 use crate::scene::Unreadable;
@@ -222,6 +222,7 @@ fn run_with(
             crate::pagefile::simulate(fault);
         }
         REPORTS_TO_STDOUT.store(parsed.reports_to_stdout, Ordering::Relaxed);
+        share_arena_under_a_limit();
         threads::start_pool()?;
         match parsed.cli.command {
             Command::Render(args) => render::run(&args),

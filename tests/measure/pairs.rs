@@ -280,12 +280,13 @@ fn little_memory_is_exit_code_5_and_never_an_abort() {
         let file = path(&folder, "a.png");
         bomb(&file, [800, 600], is_interlaced);
         let mut codes = Vec::new();
-        for mib in [80, 100, 140, 200, 300, 340, 400, 500, 1500] {
+        for mib in [80, 100, 120, 138, 139, 140, 141, 160, 200, 300, 340, 400, 500, 1500] {
             let (code, error) = limited(mib * 1024, &["compare", &file, &file, "--heatmap", &path(&folder, "map.png")]);
             assert!(matches!(code, Some(0 | 5)), "{mib} MiB: {code:?}, {error}");
             assert!(code == Some(0) || error.contains("too little free memory"), "{error}");
             codes.extend(code);
         }
         assert!(codes.contains(&5) && codes.ends_with(&[0]), "{codes:?}");
+        assert!(codes.is_sorted_by(|less, more| less >= more), "more memory is never too little: {codes:?}");
     }
 }
