@@ -73,8 +73,8 @@ fn ask_for_huge_pages<T>(vec: &Vec<T>) {
 #[cfg(not(target_os = "linux"))]
 fn ask_for_huge_pages<T>(_vec: &Vec<T>) {}
 
-/// Lets all threads allocate from one arena if the addresses of this process are limited (`ulimit -v`). The allocator of
-/// glibc reserves 64 MiB for an arena of a thread's own whenever it finds room for them: also after a check of free
+/// Lets all threads allocate from one arena if the addresses of this process are limited (`ulimit -v`). The allocator
+/// of glibc reserves 64 MiB for an arena of a thread's own whenever it finds room for them: also after a check of free
 /// memory, whose bytes are missing then.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 pub fn share_arena_under_a_limit() {

@@ -212,6 +212,8 @@ fn run_with(
     arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>,
     before_drivers: impl FnOnce(),
 ) -> ExitCode {
+    // Before the first thread, which would have an arena.
+    share_arena_under_a_limit();
     let started = interrupt::clean_up_on_signals().map_err(anyhow::Error::from);
     let outcome = started.and_then(|()| arguments::parse(arguments)).and_then(|parsed| {
         let Some(parsed) = parsed else { return Ok(()) };
@@ -222,7 +224,6 @@ fn run_with(
             crate::pagefile::simulate(fault);
         }
         REPORTS_TO_STDOUT.store(parsed.reports_to_stdout, Ordering::Relaxed);
-        share_arena_under_a_limit();
         threads::start_pool()?;
         match parsed.cli.command {
             Command::Render(args) => render::run(&args),

@@ -13,7 +13,7 @@ pub const SIZE: [u32; 2] = [160, 96];
 
 /// Time within which a busy machine answers, and the pings of such a time.
 const PATIENCE: Duration = Duration::from_secs(120);
-const MAX_PINGS: usize = 1;
+const MAX_PINGS: usize = 6;
 
 pub struct Client {
     pub socket: WebSocket<TcpStream>,
