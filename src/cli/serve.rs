@@ -9,10 +9,9 @@ use super::devices::DeviceArgs;
 use super::headings::{ACCURACY, CAMERAS};
 use super::knobs::Knobs;
 use super::scenes::ReadingArgs;
-use super::view::{FADE, opaque, procedural};
+use super::view::{opaque, options, procedural};
 use super::{Usage, complain, knobs, remark, say, values};
 use crate::files::describe;
-use crate::options::Options;
 use crate::rules::Background;
 use crate::scene::Unreadable;
 use crate::serve;
@@ -90,11 +89,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if let Some(folder) = args.folder.as_ref().filter(|folder| !folder.is_dir()) {
         return Err(Usage(format!("--folder {}: there is no such folder", folder.display())).into());
     }
-    let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
-    let mut options = args.knobs.options(&preset, false, f32::INFINITY);
-    if !args.knobs.has("lod-fade") {
-        options.lod_fade = FADE;
-    }
     let setup = Setup {
         scenes: args.scenes.clone(),
         reading: args.reading.reading()?,
@@ -102,7 +96,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         cameras: args.cameras.clone(),
         start: args.camera.clone().map(Start::Camera),
         background: args.background,
-        options,
+        options: options(args.preset.as_deref(), &args.knobs),
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),
         remark,

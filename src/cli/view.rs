@@ -171,7 +171,7 @@ pub(super) struct Args {
 const WINDOW: &str = "Window";
 
 /// The fading of levels of detail where it is not given, powers of two of an error.
-pub(super) const FADE: f32 = 0.5;
+const FADE: f32 = 0.5;
 
 fn compare_modes() -> impl TypedValueParser<Value = CompareMode> {
     let values = [
@@ -215,16 +215,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for scene in &args.scenes {
         procedural(scene)?;
     }
-    let preset = args.preset.as_deref().and_then(Options::preset).unwrap_or_default();
     let compares_with = args.compare.as_ref().map(|with| match Options::preset(with) {
         Some(options) => CompareWith::Options(options),
         None if with == "reference" => CompareWith::Reference,
         None => CompareWith::File(with.into()),
     });
-    let mut options = args.knobs.options(&preset, false, f32::INFINITY);
-    if !args.knobs.has("lod-fade") {
-        options.lod_fade = FADE;
-    }
     let setup = Setup {
         scenes: args.scenes.clone(),
         reading: args.reading.reading()?,
@@ -235,7 +230,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         background: args.background,
         lenses: args.lens.choice(),
         photographs: args.photographs.clone(),
-        options,
+        options: options(args.preset.as_deref(), &args.knobs),
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),
         bindings: bindings(args)?,
@@ -269,6 +264,16 @@ pub(super) fn run(args: &Args) -> Result<()> {
         with_pipeline_cache: super::pipeline_cache::with_pipeline_cache,
         fault,
     })
+}
+
+/// The options of a viewer, in which levels of detail fade.
+pub(super) fn options(preset: Option<&str>, knobs: &Knobs) -> Options {
+    let preset = preset.and_then(Options::preset).unwrap_or_default();
+    let mut options = knobs.options(&preset, false, f32::INFINITY);
+    if !knobs.has("lod-fade") {
+        options.lod_fade = FADE;
+    }
+    options
 }
 
 /// The procedural scene of this name; `None` for a file.

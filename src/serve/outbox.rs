@@ -85,7 +85,9 @@ impl Outbox {
     }
 
     pub fn end(&self, reason: String) {
-        self.change(|waiting| waiting.end.get_or_insert(reason).clone());
+        self.change(|waiting| {
+            waiting.end.get_or_insert(reason);
+        });
     }
 
     /// When the newest picture up to this number was sent, once for each.

@@ -1,4 +1,4 @@
-//! The web page in a browser, driven by its own protocol. Without Chromium there is nothing to test.
+//! The web page in a browser, driven by its own protocol.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -23,13 +23,14 @@ struct Browser {
 }
 
 impl Browser {
-    /// Opens a page; `None` without Chromium.
-    fn open(url: &str, size: [u32; 2]) -> Option<Self> {
+    /// Opens a page in Chromium.
+    fn open(url: &str, size: [u32; 2]) -> Self {
         let profile = tempfile::tempdir().unwrap();
         let mut command = Command::new("chromium");
         command.args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--remote-debugging-port=0"]);
         command.arg(format!("--user-data-dir={}", profile.path().display())).arg(url);
-        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok()?;
+        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        let child = child.unwrap_or_else(|e| panic!("chromium does not start: {e}. Run ./setup.sh"));
         let started = Instant::now();
         let address = loop {
             assert!(started.elapsed() < PATIENCE, "the browser does not start");
@@ -53,7 +54,7 @@ impl Browser {
         };
         let mut browser = Self { child, socket, last: 0, _profile: profile };
         browser.resize(size);
-        Some(browser)
+        browser
     }
 
     fn call(&mut self, method: &str, params: Value) -> Value {
@@ -159,7 +160,7 @@ const SUM: &str = "(() => { const p = context.getImageData(0, 0, canvas.width, c
 #[test]
 fn a_page_shows_and_moves_a_scene() {
     let mut server = Server::start(&["cactus:2000", "--token"]);
-    let Some(mut page) = Browser::open(&server.url(), [900, 560]) else { return };
+    let mut page = Browser::open(&server.url(), [900, 560]);
     page.until(&format!("{EXACT} && canvas.height === 560"));
     assert_eq!(page.value("sessionStorage.getItem('token')"), json!(server.token));
     let size = page.value("[canvas.width, canvas.height]");
