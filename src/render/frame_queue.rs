@@ -272,7 +272,7 @@ impl FrameQueue {
         let mut timings = all.as_slice();
         let mut frame = |totals, QueuedPass { path, recorded, submission }: &QueuedPass| Frame {
             totals,
-            timings: recorded.timings(&take_frame(&mut timings)),
+            timings: recorded.take_timings(&mut timings),
             attempts,
             path: *path,
             parts: recorded.parts(),
@@ -280,13 +280,4 @@ impl FrameQueue {
         };
         Ok(totals.map(|totals| totals.into_iter().zip(passes).map(|(totals, pass)| frame(totals, pass)).collect()))
     }
-}
-
-/// Takes the timings of the next frame: up to the scope that holds all its stages, and of its packing.
-fn take_frame(timings: &mut &[Timing]) -> Vec<Timing> {
-    let end = timings.iter().position(|timing| timing.depth == 0).map_or(timings.len(), |last| last + 1);
-    let more = timings[end..].iter().take_while(|timing| timing.name == "pack").count();
-    let (own, rest) = timings.split_at(end + more);
-    *timings = rest;
-    own.to_vec()
 }

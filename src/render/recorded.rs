@@ -8,6 +8,9 @@ use super::streaming::PageRequests;
 use crate::gpu::{InFlight, Readback, Results, Timing};
 use crate::options::Options;
 
+/// The name of the scope that holds the stages of a frame.
+pub(super) const FRAME: &str = "frame";
+
 /// The report of a finished frame.
 #[derive(Clone, Debug)]
 pub struct Frame {
@@ -83,12 +86,47 @@ impl Recorded {
         detail.map(|detail| self.sampled.map_or(detail, |sampled| detail.with(&sampled)))
     }
 
-    /// The timings of the frame, from the timings of its commands.
-    pub(super) fn timings(&self, own: &[Timing]) -> Vec<Timing> {
+    /// Takes the timings of the frame from the front of those of its commands, which may hold more frames: up to the
+    /// scope of the frame, and of its packing. Those of its slabs, which had commands of their own, are added.
+    pub fn take_timings(&self, of_commands: &mut &[Timing]) -> Vec<Timing> {
+        let is_frame = |timing: &Timing| timing.depth == 0 && timing.name == FRAME;
+        let end = of_commands.iter().position(is_frame).map_or(of_commands.len(), |frame| frame + 1);
+        let packed = of_commands[end..].iter().take_while(|timing| timing.name == "pack").count();
+        let (own, rest) = of_commands.split_at(end + packed);
+        *of_commands = rest;
         let Counted::Slabbed(drawn) = &self.counted else { return own.to_vec() };
-        let whole: f64 = drawn.timings.iter().map(|stage| stage.duration_ms).sum();
-        let longer = |timing: &Timing| Timing { duration_ms: timing.duration_ms + whole, ..timing.clone() };
-        let own = own.iter().map(|timing| if timing.depth == 0 { longer(timing) } else { timing.clone() });
-        drawn.timings.iter().cloned().chain(own).collect()
+        let mut all: Vec<Timing> = drawn.timings.iter().chain(own).cloned().collect();
+        let slabs: f64 = drawn.timings.iter().map(|stage| stage.duration_ms).sum();
+        all.iter_mut().filter(|timing| is_frame(timing)).for_each(|frame| frame.duration_ms += slabs);
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::capacity::Capacity;
+    use super::*;
+
+    fn recorded(counted: SlabbedFrame) -> Recorded {
+        let limits = Limits { path: Path::Fast, in_slabs: true, capacity: Capacity::default(), longest_list: 0 };
+        Recorded { number: 0, counted: Counted::Slabbed(Box::new(counted)), limits, sampled: None }
+    }
+
+    /// Two pictures of one submission: each takes its own times, and a frame's hold those of its slabs once.
+    #[test]
+    fn the_time_of_a_frame_holds_that_of_its_slabs() {
+        let timing = |name, depth, duration_ms| Timing { name, depth, start_ms: 0.0, duration_ms };
+        let (totals, report) = (bytemuck::Zeroable::zeroed(), SlabReport::default());
+        let slabs = vec![timing("sort", 1, 2.0), timing("blend", 1, 5.0)];
+        let slabbed = recorded(SlabbedFrame { totals, timings: slabs, report, detail: None });
+        let (upscale, frame, pack) = (timing("upscale", 1, 1.0), timing(FRAME, 0, 1.0), timing("pack", 0, 0.5));
+        let all = [upscale, frame.clone(), pack.clone(), frame, timing("display", 0, 0.25)];
+        let mut left = all.as_slice();
+        let names =
+            |timings: &[Timing]| timings.iter().map(|timing| (timing.name, timing.duration_ms)).collect::<Vec<_>>();
+        let first = slabbed.take_timings(&mut left);
+        assert_eq!(names(&first), [("sort", 2.0), ("blend", 5.0), ("upscale", 1.0), (FRAME, 8.0), ("pack", 0.5)]);
+        assert_eq!(names(&slabbed.take_timings(&mut left)[2..]), [(FRAME, 8.0)]);
+        assert_eq!(names(left), [("display", 0.25)]);
     }
 }

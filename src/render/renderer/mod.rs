@@ -32,7 +32,7 @@ use crate::render::inspect::{Inspection, Inspector, Look, Picker, Picture, Work}
 use crate::render::path::{Limits, Path};
 use crate::render::path_choice::PathChoice;
 use crate::render::readback::read_pixels;
-use crate::render::recorded::{Counted, Frame, Recorded, Started};
+use crate::render::recorded::{Counted, FRAME, Frame, Recorded, Started};
 use crate::render::sample::LevelSampler;
 use crate::render::scene::{Features, GpuScene};
 use crate::render::self_test::{choose, test_rays};
@@ -311,7 +311,7 @@ impl Renderer {
             let Started { commands, recorded } = started?;
             let results = commands.wait()?;
             if let Some(totals) = self.judge(&results, &recorded)? {
-                let timings = recorded.timings(results.timings());
+                let timings = recorded.take_timings(&mut results.timings());
                 let path = self.drawn.path;
                 let (parts, detail) = (recorded.parts(), self.detail(&results, &recorded));
                 return Ok((Frame { totals, timings, attempts, path, parts, detail }, results));
@@ -414,7 +414,7 @@ impl Renderer {
             true => Some(self.choice.draw_slabs(&self.device, self.drawn.path, shot, target, inspector)?),
             false => None,
         };
-        let paged = cmd.scope("frame", |cmd| {
+        let paged = cmd.scope(FRAME, |cmd| {
             let paged = match drawn {
                 None => self.choice.record(cmd, shot, target, self.drawn, inspector)?,
                 Some(_) => None,

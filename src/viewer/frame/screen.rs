@@ -207,8 +207,9 @@ impl Screen {
     fn retire_oldest(&mut self, pair: &mut Pair) -> Result<()> {
         let Some(FrameInFlight { commands, pictures }) = self.frames.pop_front() else { return Ok(()) };
         let (results, is_drawn) = (commands.wait()?, !pictures.is_empty());
-        let mut retired = Vec::new();
+        let (mut retired, mut timings, mut left) = (Vec::new(), Vec::new(), results.timings());
         for RecordedPicture { side, generation, path, recorded } in pictures {
+            timings.extend(recorded.take_timings(&mut left));
             // Counts of a picture that was replaced meanwhile are dropped.
             if let Some((_, drawn)) = pair.drawn().find(|(s, drawn)| (*s, drawn.generation) == (side, generation)) {
                 let totals = drawn.renderer.judge(&results, &recorded)?;
@@ -216,7 +217,8 @@ impl Screen {
             }
         }
         if is_drawn {
-            self.retired.push(RetiredFrame { timings: results.timings().to_vec(), pictures: retired });
+            timings.extend_from_slice(left);
+            self.retired.push(RetiredFrame { timings, pictures: retired });
         }
         Ok(())
     }
