@@ -48,6 +48,11 @@ pub(super) struct Args {
     /// Folder whose scenes, cameras and pictures browsers may open
     #[arg(long, help_heading = SERVER, value_name = "DIR")]
     folder: Option<PathBuf>,
+    /// Read a scene file again when it changes, and keep the views
+    ///
+    /// For a training that writes its scene now and then.
+    #[arg(long, help_heading = SERVER)]
+    follow: bool,
     /// Most browsers at the same time
     #[arg(long, help_heading = SERVER, value_name = "COUNT", default_value_t = 8)]
     #[arg(value_parser = values::whole::<u32>(1..=64))]
@@ -99,6 +104,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         options: options(args.preset.as_deref(), &args.knobs),
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),
+        watches_files: args.follow,
         remark,
         ..Setup::default()
     };

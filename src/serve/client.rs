@@ -85,7 +85,8 @@ impl Client {
         let wake = events.clone();
         // The receiver is gone when the server ends.
         let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(id))));
-        let setup = Setup { scenes: Vec::new(), cameras: None, ..setup };
+        // The first viewer waits for changes of files, for all.
+        let setup = Setup { scenes: Vec::new(), cameras: None, watches_files: false, ..setup };
         let greeting = welcome(device, &setup.bindings, admission.folder.is_some());
         outbox.text(text(&ServerMessage::Welcome(Box::new(greeting))));
         let (now, input, picture) = (Instant::now(), Vec::new(), None);
@@ -125,6 +126,12 @@ impl Client {
         self.offscreen.join(first);
         self.early.take().into_iter().flatten().for_each(|said| self.say(said));
         self.due = Some(Instant::now());
+    }
+
+    /// Shows what the first viewer of the server has read again, and what it has said since a time.
+    pub fn follow(&mut self, first: &Offscreen, since: Instant) {
+        self.offscreen.follow(first, since);
+        self.wake();
     }
 
     /// Says why something is not done.

@@ -44,6 +44,9 @@ const PAGE: [(&str, &str, &str); 3] = [
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
                       connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
 
+/// Sites of the same machine, which may show the web page of a local server: notebooks.
+const LOCAL_SITES: &str = " http://localhost:* http://127.0.0.1:*";
+
 /// Most bytes of a message of a client.
 const MESSAGE_BYTES: usize = 64 << 10;
 
@@ -148,8 +151,9 @@ async fn check(State(shared): State<Arc<Shared>>, request: Request<Body>, next: 
     if !is_upgraded {
         headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
+    let policy = if shared.admission.is_local { format!("{POLICY}{LOCAL_SITES}") } else { POLICY.to_owned() };
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::try_from(policy).expect("a policy is plain text"));
     for (name, value) in [
-        (header::CONTENT_SECURITY_POLICY, POLICY),
         (header::CACHE_CONTROL, "no-store"),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::REFERRER_POLICY, "no-referrer"),

@@ -15,10 +15,13 @@ use crate::threads;
 use crate::viewer::remote::{ClientMessage, state};
 use crate::viewer::{Offscreen, Setup};
 
+/// The number of the first viewer; those of clients begin at 1.
+const FIRST: u64 = 0;
+
 /// The size of the first viewer, which reads the scenes for all and is seen by none.
 const FIRST_SIZE: [u32; 2] = [64, 64];
 
-/// Interval of frames of the first viewer, until it has read the scenes.
+/// Interval of frames of the first viewer while it reads scenes.
 const READING: Duration = Duration::from_millis(20);
 
 /// All viewers of a server.
@@ -30,7 +33,12 @@ pub struct Sessions {
     /// Compresses pictures. A float64 reference, which takes all threads of the shared pool, does not hold them up.
     pool: Arc<ThreadPool>,
     first: Offscreen,
+    /// The first viewer has read the scenes at least once.
     is_read: bool,
+    /// When the first viewer draws its next frame; `None` if it waits for something to happen.
+    reads_at: Option<Instant>,
+    /// When clients last showed what the first viewer had read.
+    followed: Instant,
     clients: Vec<Client>,
     /// Clients that have left, and whose jobs still run.
     leaving: Vec<Client>,
@@ -43,7 +51,7 @@ impl Sessions {
     /// If device memory runs out.
     pub fn new(device: &Device, setup: Setup, admission: Admission, sender: Sender<SessionEvent>) -> Result<Self> {
         let wake = sender.clone();
-        let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(0))));
+        let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(FIRST))));
         let first = Offscreen::bare(setup.clone(), device, FIRST_SIZE, wake)?;
         let (device, pool) = (device.clone(), Arc::new(threads::pool(rayon::current_num_threads())?));
         Ok(Self {
@@ -54,6 +62,8 @@ impl Sessions {
             pool,
             first,
             is_read: false,
+            reads_at: Some(Instant::now()),
+            followed: Instant::now(),
             clients: Vec::new(),
             leaving: Vec::new(),
         })
@@ -65,9 +75,7 @@ impl Sessions {
     /// These two.
     pub fn run(&mut self, events: &Receiver<SessionEvent>) -> Result<()> {
         loop {
-            let due = self.clients.iter().filter_map(Client::due).min();
-            let due = if self.is_read { due } else { Some(Instant::now() + READING) };
-            let event = match due {
+            let event = match self.clients.iter().filter_map(Client::due).chain(self.reads_at).min() {
                 None => events.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 Some(due) => events.recv_deadline(due),
             };
@@ -79,10 +87,10 @@ impl Sessions {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return Ok(()),
             }
-            if !self.is_read {
+            let now = Instant::now();
+            if self.reads_at.is_some_and(|due| due <= now) {
                 self.read()?;
             }
-            let now = Instant::now();
             for client in &mut self.clients {
                 if client.due().is_some_and(|due| due <= now) {
                     client.step()?;
@@ -95,19 +103,26 @@ impl Sessions {
         }
     }
 
-    /// A frame of the first viewer. Clients join once it has read the scenes.
+    /// A frame of the first viewer. Clients join once it has read the scenes, and follow it when it reads them again.
     fn read(&mut self) -> Result<()> {
         self.first.frame(Vec::new())?;
         self.first.session.retire_frames(true)?;
-        if let Some(failure) = self.first.viewer().messages.failure.take() {
+        let is_settled = self.first.session.is_settled();
+        self.reads_at = (!is_settled).then(|| Instant::now() + READING);
+        // Clients are told why a scene cannot be read or drawn again.
+        if let Some(failure) = self.first.viewer().messages.failure.take().filter(|_| !self.is_read) {
             return Err(failure);
         }
-        self.is_read = self.first.session.is_settled();
         for client in &mut self.clients {
-            match self.is_read {
-                true => client.join(&self.first),
-                false => drop(client.send_state(state(&mut self.first.session))),
+            match (self.is_read, is_settled) {
+                (true, true) => client.follow(&self.first, self.followed),
+                (true, false) => {}
+                (false, true) => client.join(&self.first),
+                (false, false) => drop(client.send_state(state(&mut self.first.session))),
             }
+        }
+        if is_settled {
+            (self.is_read, self.followed) = (true, Instant::now());
         }
         Ok(())
     }
@@ -147,6 +162,7 @@ impl Sessions {
                     client.compressed(pixels, bytes);
                 }
             }
+            SessionEvent::Wake(FIRST) => self.reads_at = Some(Instant::now()),
             SessionEvent::Wake(id) => {
                 if let Some(client) = self.client(id) {
                     client.wake();

@@ -1,6 +1,8 @@
 //! What a client can do with the viewer.
 
 use serde_json::{Value, json};
+use smalto::formats::{SceneFile, write_file};
+use smalto::procedural::cactus;
 
 use crate::client::Client;
 use crate::server::Server;
@@ -110,4 +112,42 @@ fn looks_comparisons_and_pixels_are_shown() {
     assert!(compared["comparison"]["psnr"].as_f64().unwrap() > 45.0, "{compared}");
     client.say(json!({ "do": "compare", "with": "nothing" }));
     client.until(|state| state["comparison"].is_null());
+}
+
+#[test]
+fn a_file_that_changes_is_read_once_for_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("training.ply");
+    let write = |count: usize| {
+        let gaussians = cactus(count).unwrap().gaussians;
+        write_file(&file, SceneFile::of(&file).unwrap(), &gaussians, false, &|_| {}).unwrap();
+    };
+    write(500);
+    let server = Server::start(&[file.to_str().unwrap(), "--follow"]);
+    let mut clients = [Client::connect(&server), Client::connect(&server)];
+    let has = |state: &Value, count: usize| {
+        let summary = state["scenes"][0]["summary"].as_str().unwrap_or("");
+        summary.contains(&format!("{count} Gaussians")) && !state["rest"].is_null()
+    };
+    let before = clients.each_mut().map(Client::exact);
+    let turned = json!([{ "kind": "move", "x": 10, "y": 10 }, { "kind": "wheel", "points": 200 }]);
+    clients[1].input(turned);
+    clients[1].exact();
+    let views = clients.each_mut().map(|client| client.until(|state| has(state, 500))["rest"]["view"].clone());
+    write(900);
+    for (client, view) in clients.iter_mut().zip(&views) {
+        client.until(|state| has(state, 900));
+        assert_eq!(client.state["rest"]["view"], *view, "the view stays");
+    }
+    let after = Client::connect(&server).exact();
+    assert!(after.png != before[0].png, "a new client gets the new scene");
+    assert_ne!(views[0], views[1]);
+    std::fs::write(&file, "nothing").unwrap();
+    for client in &mut clients {
+        let said = |state: &Value| state["messages"].to_string().contains("the scene before it stays");
+        client.until(said);
+        assert!(has(&client.state, 900), "{}", client.state);
+    }
+    write(700);
+    clients.iter_mut().for_each(|client| drop(client.until(|state| has(state, 700))));
 }

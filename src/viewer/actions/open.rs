@@ -249,9 +249,7 @@ impl Viewer {
                     self.panels.recent.add(file);
                     self.save_recent_state();
                 }
-                if !self.setup.antialiased_is_explicit && self.scenes.project.is_none() {
-                    self.options.rules.antialiased = self.scenes.layers.iter().any(|layer| layer.is_antialiased);
-                }
+                self.take_antialiasing_of_scenes();
                 // A view that was set while reading fits only the part read until then.
                 let is_first =
                     !self.view.is_set || self.scenes.layers.len() == 1 && !self.view.has_moved() && !is_again;

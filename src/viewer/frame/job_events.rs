@@ -189,7 +189,8 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
         if is_current || is_refused || viewer.pictures.are_building[i] {
             continue;
         }
-        let reusable = current.or(pair.first.as_ref()).map(Drawn::reusable).or_else(|| pair.lent.take());
+        let lent = pair.lent.take_if(|lent| lent.has_scene_of(&planned));
+        let reusable = lent.or_else(|| current.or(pair.first.as_ref()).map(Drawn::reusable));
         viewer.pictures.are_building[i] = true;
         viewer.pictures.refused[i] = None;
         let (device, view, background) = (device.clone(), viewer.view.camera(), viewer.view.background);

@@ -154,6 +154,18 @@ impl Layer {
         layer
     }
 
+    /// Takes the scene of another layer, which was read from the same source, if it is another one.
+    pub fn follow(&mut self, read: &Self) -> bool {
+        let (Some(old), Some(new)) = (&self.scene, &read.scene) else { return false };
+        if old.is_same(new) {
+            return false;
+        }
+        self.scene = Some(new.clone());
+        (self.is_antialiased, self.focus) = (read.is_antialiased, read.focus);
+        self.summary.clone_from(&read.summary);
+        true
+    }
+
     /// A layer with the selected Gaussians of another one, at their places.
     ///
     /// # Errors

@@ -30,9 +30,10 @@ impl Messages {
         self.show(text.into(), true);
     }
 
-    /// Shows the messages of another viewer, too.
-    pub fn share(&mut self, other: &Self) {
-        other.all.iter().for_each(|message| self.show(message.text.clone(), message.is_error));
+    /// Shows the messages of another viewer, too: all of them, or those since a time.
+    pub fn share(&mut self, other: &Self, since: Option<Instant>) {
+        let shared = other.all.iter().filter(|message| since.is_none_or(|since| message.since >= since));
+        shared.for_each(|message| self.show(message.text.clone(), message.is_error));
     }
 
     fn show(&mut self, text: String, is_error: bool) {

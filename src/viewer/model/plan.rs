@@ -329,6 +329,11 @@ pub struct Reusable {
 }
 
 impl Reusable {
+    /// True if a plan needs the same Gaussians on the device.
+    pub fn has_scene_of(&self, plan: &Plan) -> bool {
+        self.plan.has_scene_of(plan)
+    }
+
     /// As [`Drawn::has_marks`].
     fn has_marks(&self) -> bool {
         !self.scene.is_paged() && !self.is_edited

@@ -46,6 +46,16 @@ impl Scenes {
         }
     }
 
+    /// Takes the scenes that another viewer has read again from the same sources. True if there are any.
+    pub fn follow(&mut self, other: &Self) -> bool {
+        let mut has_changed = false;
+        for layer in &mut self.layers {
+            let read = other.layers.iter().find(|read| read.source == layer.source && read.reading == layer.reading);
+            has_changed |= read.is_some_and(|read| layer.follow(read));
+        }
+        has_changed
+    }
+
     /// Index of the layer with this number; `None` after it was closed.
     pub fn index_of(&self, number: u64) -> Option<usize> {
         self.layers.iter().position(|layer| layer.number == number)

@@ -1,5 +1,7 @@
 //! The state of a viewer: scenes, view, options, and running jobs. Actions change it, panels show it.
 
+use std::time::Instant;
+
 use anyhow::Result;
 use glam::{DVec2, DVec3};
 
@@ -96,7 +98,7 @@ impl Viewer {
     /// Shows the scenes, the cameras and the view of another viewer, which has read them.
     pub fn join(&mut self, other: &Self) {
         self.scenes.share(&other.scenes);
-        self.messages.share(&other.messages);
+        self.messages.share(&other.messages, None);
         (self.cameras.list, self.cameras.file) = (other.cameras.list.clone(), other.cameras.file.clone());
         let (window, size) = (self.view.window_size, self.view.size);
         self.view = other.view.clone();
@@ -104,6 +106,25 @@ impl Viewer {
         self.options = other.options;
         self.inspector.settings.ranges = other.inspector.settings.ranges;
         self.pictures.are_stale = true;
+    }
+
+    /// Shows the scenes that another viewer has read again, and what it has said since a time. True if there are any.
+    pub fn follow(&mut self, other: &Self, since: Instant) -> bool {
+        self.messages.share(&other.messages, Some(since));
+        let has_changed = self.scenes.follow(&other.scenes);
+        if has_changed {
+            self.take_antialiasing_of_scenes();
+            self.inspector.clear_explanation();
+            self.pictures.are_stale = true;
+        }
+        has_changed
+    }
+
+    /// Filters as the scenes were trained, unless the user or a project said how.
+    pub fn take_antialiasing_of_scenes(&mut self) {
+        if !self.setup.antialiased_is_explicit && self.scenes.project.is_none() {
+            self.options.rules.antialiased = self.scenes.layers.iter().any(|layer| layer.is_antialiased);
+        }
     }
 
     /// True while the user or an animation moves the view.

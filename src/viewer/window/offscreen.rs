@@ -76,6 +76,17 @@ impl Offscreen {
     /// Shows what another viewer has read: its scenes, also those on the device, its cameras and its view.
     pub fn join(&mut self, other: &Self) {
         self.session.viewer.join(&other.session.viewer);
+        self.borrow_scene(other);
+    }
+
+    /// Shows what another viewer has read again, and what it has said since a time.
+    pub fn follow(&mut self, other: &Self, since: Instant) {
+        if self.session.viewer.follow(&other.session.viewer, since) {
+            self.borrow_scene(other);
+        }
+    }
+
+    fn borrow_scene(&mut self, other: &Self) {
         self.session.pair.lent = other.session.pair.first.as_ref().map(Drawn::reusable);
     }
 
