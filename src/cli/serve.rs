@@ -63,6 +63,11 @@ pub(super) struct Args {
     /// Begin at this camera: 7, -1 or an image name [default: first]
     #[arg(long, help_heading = CAMERAS, value_name = "CAMERA", allow_hyphen_values = true)]
     camera: Option<String>,
+    /// Folder with the photographs of the cameras, by their names
+    ///
+    /// By default, a folder `images` beside the camera file or above it.
+    #[arg(long, help_heading = CAMERAS, value_name = "DIR")]
+    photographs: Option<PathBuf>,
     /// R,G,B (0 to 1), #rrggbb, black, grey or white
     #[arg(long, help_heading = SERVER, value_name = "COLOUR", default_value = "0,0,0", value_parser = opaque)]
     background: Background,
@@ -101,6 +106,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         cameras: args.cameras.clone(),
         start: args.camera.clone().map(Start::Camera),
         background: args.background,
+        photographs: args.photographs.clone(),
         options: options(args.preset.as_deref(), &args.knobs),
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),

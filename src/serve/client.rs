@@ -10,13 +10,15 @@ use crossbeam_channel::Sender;
 use rayon::ThreadPool;
 
 use super::admission::Admission;
+use super::films::{Film, Films};
 use super::link::Link;
 use super::outbox::Outbox;
 use super::pictures::{Exact, ShownPicture};
 use super::session_event::{Said, SessionEvent};
+use crate::camera::Timeline;
 use crate::gpu::{Device, DeviceLost};
 use crate::viewer::remote::{ClientMessage, ServerMessage, State, drive, is_of_render, state, welcome};
-use crate::viewer::{Offscreen, Setup};
+use crate::viewer::{Offscreen, Request, Setup};
 
 /// Time without a change after which a picture is sent without loss.
 const REST: Duration = Duration::from_millis(150);
@@ -32,6 +34,12 @@ const MAX_SCENES: usize = 16;
 
 /// Most messages that wait until the scenes are read.
 const MAX_EARLY: usize = 256;
+
+/// Most requests for rest that wait.
+const MAX_RESTS: usize = 64;
+
+/// Most frames of a film: four minutes of 30 a second.
+const MAX_FRAMES: usize = 7200;
 
 /// Sides and pixels of pictures.
 const SIDES: [u32; 2] = [16, 7680];
@@ -65,6 +73,12 @@ pub struct Client {
     /// The text that the client got last, and when.
     state: (String, Instant),
     cameras: usize,
+    /// The camera path that the client knows.
+    path: Timeline,
+    films: Films,
+    film: Option<Film>,
+    /// Numbers of the requests for rest that are not answered yet.
+    rests: Vec<u32>,
     /// What the client said before the scenes were read; `None` once they are.
     early: Option<Vec<Said>>,
 }
@@ -79,14 +93,15 @@ pub fn allowed(size: [u32; 2]) -> [u32; 2] {
 impl Client {
     pub fn new(
         (id, outbox, events): (u64, Arc<Outbox>, Sender<SessionEvent>),
-        (setup, device, admission, pool): (Setup, &Device, &Admission, Arc<ThreadPool>),
+        (setup, device, admission): (Setup, &Device, &Admission),
+        (pool, films): (Arc<ThreadPool>, Films),
         (size, view): ([u32; 2], Option<serde_json::Value>),
     ) -> Result<Self> {
         let wake = events.clone();
         // The receiver is gone when the server ends.
         let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(id))));
         // The first viewer waits for changes of files, for all.
-        let setup = Setup { scenes: Vec::new(), cameras: None, watches_files: false, ..setup };
+        let setup = Setup { scenes: Vec::new(), cameras: None, photographs: None, watches_files: false, ..setup };
         let greeting = welcome(device, &setup.bindings, admission.folder.is_some());
         outbox.text(text(&ServerMessage::Welcome(Box::new(greeting))));
         let (now, input, picture) = (Instant::now(), Vec::new(), None);
@@ -108,6 +123,10 @@ impl Client {
             due: None,
             state: (String::new(), now - STATES),
             cameras: 0,
+            path: Timeline::default(),
+            films,
+            film: None,
+            rests: Vec::new(),
             early: Some(
                 view.map(|view| Said { at: now, message: ClientMessage::View { view }, file: None })
                     .into_iter()
@@ -180,6 +199,12 @@ impl Client {
                 Err(problem) => Err(format!("{problem:#}")),
             },
             ClientMessage::Open { .. } => self.open(file).map(|()| Vec::new()),
+            ClientMessage::Film { fps } => self.write_film(fps).map(|()| Vec::new()),
+            ClientMessage::Rest { .. } if self.rests.len() >= MAX_RESTS => Err("too much is asked for".to_owned()),
+            ClientMessage::Rest { number } => {
+                self.rests.push(number);
+                Ok(Vec::new())
+            }
             message => drive(&mut self.offscreen.session, message),
         };
         match done {
@@ -211,6 +236,36 @@ impl Client {
         }
         file.iter().for_each(|file| viewer.drop_file(file));
         Ok(())
+    }
+
+    /// Starts to write the camera path as a video.
+    fn write_film(&mut self, fps: f64) -> Result<(), String> {
+        if self.is_filming() {
+            return Err("a film is being written already".to_owned());
+        }
+        if !(1.0..=240.0).contains(&fps) {
+            return Err("a film has 1 to 240 frames a second".to_owned());
+        }
+        let viewer = self.offscreen.viewer();
+        let frames = viewer.film.timeline.frames(fps).len();
+        if !(2..=MAX_FRAMES).contains(&frames) {
+            return Err(format!("this film has {frames} frames: a film has 2 to {MAX_FRAMES}"));
+        }
+        let film = Film::new(&self.films).map_err(|problem| format!("{problem:#}"))?;
+        (viewer.film.fps, viewer.export.film) = (fps, film.file().display().to_string());
+        viewer.requests.push(Request::WriteFilm);
+        self.film = Some(film);
+        Ok(())
+    }
+
+    /// True while a film of this client is being written.
+    pub fn is_filming(&self) -> bool {
+        self.film.as_ref().is_some_and(|film| !film.is_written)
+    }
+
+    /// Ends what runs for a client that has left.
+    pub fn leave(&mut self) {
+        self.offscreen.viewer().export.cancel.cancel();
     }
 
     /// True while the float64 reference or a picture is being made ready.
@@ -270,14 +325,21 @@ impl Client {
                 self.changed = now;
             }
         }
-        let is_settled = self.offscreen.session.is_settled();
-        let exact_at = (is_settled && !self.is_exact && self.picture.is_some()).then_some(self.changed + REST);
+        let is_at_rest = self.offscreen.session.is_at_rest();
+        let exact_at = (is_at_rest && !self.is_exact && self.picture.is_some()).then_some(self.changed + REST);
         if exact_at.is_some_and(|at| at <= now) {
             self.send_exact();
         }
-        let state = state(&mut self.offscreen.session);
-        let state_at = self.send_state(state);
-        self.send_cameras();
+        let now_shown = state(&mut self.offscreen.session);
+        let state_at = self.send_state(now_shown);
+        self.send_lists();
+        self.send_film();
+        if self.offscreen.session.is_settled() && self.input.is_empty() {
+            for number in std::mem::take(&mut self.rests) {
+                let state = Box::new(state(&mut self.offscreen.session));
+                self.outbox.text(text(&ServerMessage::Rests { number, state }));
+            }
+        }
         let waits = [
             has_news.then_some(now),
             (repaint_delay < Duration::from_secs(3600)).then(|| now + repaint_delay),
@@ -288,12 +350,29 @@ impl Client {
         Ok(())
     }
 
-    fn send_cameras(&mut self) {
-        let cameras = &self.offscreen.session.viewer.cameras.list;
+    /// Sends the names of cameras, and the camera path, if they have changed.
+    fn send_lists(&mut self) {
+        let viewer = &self.offscreen.session.viewer;
+        let cameras = &viewer.cameras.list;
         if cameras.len() != self.cameras {
             self.cameras = cameras.len();
             let names = cameras.iter().map(|camera| camera.name.clone()).collect();
             self.outbox.text(text(&ServerMessage::Cameras { names }));
+        }
+        if viewer.film.timeline != self.path {
+            self.path.clone_from(&viewer.film.timeline);
+            self.outbox.text(text(&ServerMessage::Path { keys: self.path.to_value() }));
+        }
+    }
+
+    /// Sends the address of a film that is written. What went wrong otherwise is a message of the viewer.
+    fn send_film(&mut self) {
+        let viewer = &self.offscreen.session.viewer;
+        if viewer.export.progress.is_some() || !viewer.requests.is_empty() {
+            return;
+        }
+        if let Some(file) = self.film.as_mut().filter(|film| !film.is_written).and_then(Film::publish) {
+            self.outbox.text(text(&ServerMessage::Film { file }));
         }
     }
 

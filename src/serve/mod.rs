@@ -6,12 +6,14 @@
 //! - `sessions` - the thread with the device: all viewers, drawn in turn
 //! - `session_event` - what happens to the viewers
 //! - `client` - one viewer, and the pictures that its client gets
+//! - `films` - films that browsers fetch
 //! - `pictures` - pictures as messages
 //! - `link` - how large pictures may be
 //! - `page/` - the web page: HTML, style, script
 
 mod admission;
 mod client;
+mod films;
 mod link;
 mod outbox;
 mod pictures;

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, ensure};
 use axum::body::Body;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
-use axum::extract::{Request, State};
+use axum::extract::{Path as UrlPath, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
@@ -22,9 +22,12 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
+use tower::ServiceExt;
+use tower_http::services::ServeFile;
 
 use super::admission::Admission;
 use super::client::text;
+use super::films::Films;
 use super::outbox::{Outbox, Outgoing};
 use super::session_event::{Said, SessionEvent};
 use super::sessions::Sessions;
@@ -42,7 +45,7 @@ const PAGE: [(&str, &str, &str); 3] = [
 
 /// The web page loads nothing from elsewhere, and no other site may show it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
-                      connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
+                      media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
 
 /// Sites of the same machine, which may show the web page of a local server: notebooks.
 const LOCAL_SITES: &str = " http://localhost:* http://127.0.0.1:*";
@@ -85,6 +88,7 @@ pub struct Limits {
 struct Shared {
     admission: Admission,
     limits: Limits,
+    films: Films,
     events: Sender<SessionEvent>,
     clients: AtomicUsize,
     last_id: AtomicU64,
@@ -96,9 +100,11 @@ struct Shared {
 /// These two; or the system gives no thread.
 pub fn serve(listener: TcpListener, device: &Device, setup: Setup, admission: Admission, limits: Limits) -> Result<()> {
     let (sender, events) = unbounded();
-    let mut sessions = Sessions::new(device, setup, admission.clone(), sender.clone())?;
+    let films = Films::default();
+    let mut sessions = Sessions::new(device, setup, admission.clone(), (sender.clone(), films.clone()))?;
     listener.set_nonblocking(true).context("cannot listen")?;
-    let shared = Shared { admission, limits, events: sender, clients: AtomicUsize::new(0), last_id: AtomicU64::new(0) };
+    let shared =
+        Shared { admission, limits, films, events: sender, clients: AtomicUsize::new(0), last_id: AtomicU64::new(0) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_io().enable_time().build();
     let runtime = runtime.context("cannot start the server")?;
     let network = threads::spawn(move || runtime.block_on(accept(listener, Arc::new(shared))))?;
@@ -111,7 +117,7 @@ pub fn serve(listener: TcpListener, device: &Device, setup: Setup, admission: Ad
 /// Accepts connections, for one request each.
 async fn accept(listener: TcpListener, shared: Arc<Shared>) -> Result<()> {
     let listener = tokio::net::TcpListener::from_std(listener)?;
-    let mut router = Router::new().route("/socket", get(upgrade));
+    let mut router = Router::new().route("/socket", get(upgrade)).route("/film/{key}", get(film));
     for (path, kind, text) in PAGE {
         router = router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
     }
@@ -161,6 +167,14 @@ async fn check(State(shared): State<Arc<Shared>>, request: Request<Body>, next: 
         headers.insert(name, HeaderValue::from_static(value));
     }
     response
+}
+
+/// The file of a film, or a part of it.
+async fn film(State(shared): State<Arc<Shared>>, UrlPath(key): UrlPath<String>, request: Request<Body>) -> Response {
+    match shared.films.file(&key) {
+        Some(file) => ServeFile::new(file).oneshot(request).await.into_response(),
+        None => (StatusCode::NOT_FOUND, "there is no such film any more").into_response(),
+    }
 }
 
 async fn upgrade(

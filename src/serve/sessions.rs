@@ -9,6 +9,7 @@ use rayon::ThreadPool;
 
 use super::admission::Admission;
 use super::client::Client;
+use super::films::Films;
 use super::session_event::SessionEvent;
 use crate::gpu::Device;
 use crate::threads;
@@ -30,6 +31,7 @@ pub struct Sessions {
     setup: Setup,
     admission: Admission,
     sender: Sender<SessionEvent>,
+    films: Films,
     /// Compresses pictures. A float64 reference, which takes all threads of the shared pool, does not hold them up.
     pool: Arc<ThreadPool>,
     first: Offscreen,
@@ -49,7 +51,12 @@ impl Sessions {
     ///
     /// # Errors
     /// If device memory runs out.
-    pub fn new(device: &Device, setup: Setup, admission: Admission, sender: Sender<SessionEvent>) -> Result<Self> {
+    pub fn new(
+        device: &Device,
+        setup: Setup,
+        admission: Admission,
+        (sender, films): (Sender<SessionEvent>, Films),
+    ) -> Result<Self> {
         let wake = sender.clone();
         let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(FIRST))));
         let first = Offscreen::bare(setup.clone(), device, FIRST_SIZE, wake)?;
@@ -59,6 +66,7 @@ impl Sessions {
             setup,
             admission,
             sender,
+            films,
             pool,
             first,
             is_read: false,
@@ -131,8 +139,9 @@ impl Sessions {
         match event {
             SessionEvent::Joined { id, outbox, size, view } => {
                 let connection = (id, outbox.clone(), self.sender.clone());
-                let shared = (self.setup.clone(), &self.device, &self.admission, self.pool.clone());
-                match Client::new(connection, shared, (size, view)) {
+                let server = (self.setup.clone(), &self.device, &self.admission);
+                let shared = (self.pool.clone(), self.films.clone());
+                match Client::new(connection, server, shared, (size, view)) {
                     Ok(mut client) => {
                         if self.is_read {
                             client.join(&self.first);
@@ -143,18 +152,21 @@ impl Sessions {
                 }
             }
             SessionEvent::Said { id, said } => {
-                // References of several clients would take turns on the same threads.
-                let asks = matches!(&said.message, ClientMessage::Compare { with } if with == "reference");
-                if asks && self.is_comparing() {
-                    let why = "a float64 reference is being drawn: ask again when it is done".to_owned();
-                    self.clients.iter().filter(|client| client.id == id).for_each(|client| client.refuse(why.clone()));
+                if let Some(why) = self.busy(&said.message) {
+                    self.clients
+                        .iter()
+                        .filter(|client| client.id == id)
+                        .for_each(|client| client.refuse(why.to_owned()));
                 } else if let Some(client) = self.client(id) {
                     client.say(said);
                 }
             }
             SessionEvent::Left { id } => {
                 let left = self.clients.extract_if(.., |client| client.id == id);
-                self.leaving.extend(left);
+                self.leaving.extend(left.map(|mut client| {
+                    client.leave();
+                    client
+                }));
                 self.leaving.retain(Client::has_jobs);
             }
             SessionEvent::Compressed { id, pixels, bytes } => {
@@ -172,10 +184,18 @@ impl Sessions {
         Ok(())
     }
 
-    /// True while a reference is being drawn, also for a client that has left.
-    fn is_comparing(&mut self) -> bool {
+    /// The reason why a message has to wait: references and films of several clients would take turns on the same
+    /// threads, also those of clients that have left.
+    fn busy(&mut self, message: &ClientMessage) -> Option<&'static str> {
         self.leaving.retain(Client::has_jobs);
-        !self.leaving.is_empty() || self.clients.iter().any(Client::is_comparing)
+        let (is_busy, why): (fn(&Client) -> bool, _) = match message {
+            ClientMessage::Compare { with } if with == "reference" => {
+                (Client::is_comparing, "a float64 reference is being drawn: ask again when it is done")
+            }
+            ClientMessage::Film { .. } => (Client::is_filming, "a film is being written: ask again when it is done"),
+            _ => return None,
+        };
+        (!self.leaving.is_empty() || self.clients.iter().any(is_busy)).then_some(why)
     }
 
     fn client(&mut self, id: u64) -> Option<&mut Client> {

@@ -1,6 +1,7 @@
 //! Actions that open scenes, cameras and pictures, take in the results of the jobs, and close scenes.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Result;
 
@@ -105,8 +106,7 @@ impl Viewer {
             return self.open_photographs(&folder);
         }
         // The photographs may have been opened before the cameras.
-        let are_known = self.cameras.photographs.as_ref().is_some_and(|known| known.count_of(&self.cameras.list) > 0);
-        let Some(file) = self.cameras.file.clone().filter(|_| !are_known) else { return };
+        let Some(file) = self.cameras.file.clone().filter(|_| !self.cameras.have_photographs()) else { return };
         let cameras = self.cameras.list.clone();
         let find = move |_: &Reporter| {
             let found = Photographs::beside(&file).filter(|found| found.count_of(&cameras) > 0);
@@ -127,7 +127,7 @@ impl Viewer {
                 self.messages
                     .note(format!("photographs of {count} of {of} cameras in {}", photographs.folder.display()));
                 self.cameras.thumbnails.clear();
-                self.cameras.photographs = Some(photographs);
+                self.cameras.photographs = Some(Arc::new(photographs));
             }
             // No folder was named, and none was found.
             Err(problem) if problem.is::<Cancelled>() => {}

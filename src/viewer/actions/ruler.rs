@@ -15,9 +15,13 @@ impl Viewer {
         let position = format!("{:.6}, {:.6}, {:.6}", point.x, point.y, point.z);
         let measure = self.ruler.open.map(|index| &self.measures.all[index]);
         let reading = measure.map_or_else(String::new, |measure| self.measures.reading(measure));
-        let text = format!("marked and copied: {position}");
+        // The clipboard of a user elsewhere is not that of this machine.
+        let is_copied = !self.panels.are_elsewhere;
+        let text = format!("{}: {position}", if is_copied { "marked and copied" } else { "marked" });
         self.messages.note(if reading.is_empty() { text } else { format!("{text}; {reading}") });
-        self.requests.push(Request::Window(WindowRequest::Copy(position)));
+        if is_copied {
+            self.requests.push(Request::Window(WindowRequest::Copy(position)));
+        }
     }
 
     /// Adds a point to the open measure.

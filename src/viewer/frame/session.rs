@@ -126,17 +126,20 @@ impl Session {
         self.layout.triangles.clear();
     }
 
-    /// True if everything that was requested is read, built, drawn and on the screen.
+    /// True if everything that was requested is read, built, drawn and on the screen, and no job measures or writes.
     pub fn is_settled(&self) -> bool {
         let viewer = &self.viewer;
+        viewer.export.progress.is_none() && viewer.measuring.running.is_none() && self.is_at_rest()
+    }
+
+    /// True if everything that was requested is read, built, drawn and on the screen. Jobs may measure or write.
+    pub fn is_at_rest(&self) -> bool {
+        let viewer = &self.viewer;
         let is_read = !viewer.scenes.are_loading() && !viewer.cameras.are_loading;
-        let is_executed = viewer.requests.is_empty() && viewer.export.progress.is_none();
-        let is_measured = viewer.measuring.running.is_none();
         let is_compared = viewer.comparison.target == CompareTarget::Nothing || self.pair.second.is_some();
         let draws_nothing = viewer.shown_plan(Side::First).is_ok_and(|plan| plan.is_none());
         let is_built = draws_nothing || self.pair.first.is_some() && is_compared;
-        is_executed
-            && is_measured
+        viewer.requests.is_empty()
             && is_read
             && is_built
             && !viewer.comparison.is_loading

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::DVec2;
 
@@ -17,7 +18,7 @@ pub struct Cameras {
     pub file: Option<PathBuf>,
     /// The cameras or their photographs are being read.
     pub are_loading: bool,
-    pub photographs: Option<Photographs>,
+    pub photographs: Option<Arc<Photographs>>,
     /// Reduced photographs by camera index; `None` while one is read, or if it cannot be read.
     pub thumbnails: BTreeMap<usize, Option<Pixels>>,
     /// The last comparison of all cameras with their photographs.
@@ -29,6 +30,11 @@ impl Cameras {
     pub fn photograph_of(&self, index: usize) -> Option<PathBuf> {
         let camera = self.list.get(index)?;
         self.photographs.as_ref()?.of(camera).map(Path::to_owned)
+    }
+
+    /// True if a camera has a photograph.
+    pub fn have_photographs(&self) -> bool {
+        self.photographs.as_ref().is_some_and(|known| known.count_of(&self.list) > 0)
     }
 
     /// Index of the camera whose position in the picture of `view` is nearest to `pixel`, at most `within` pixels away.

@@ -2,10 +2,11 @@
 
 use anyhow::{Result, ensure};
 use glam::DVec3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// What is measured of the points of a measure.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum MeasureKind {
     /// Distances between neighbours, and their sum.
@@ -38,7 +39,7 @@ impl MeasureKind {
 }
 
 /// Points in world units, and what is measured of them.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Measure {
     pub kind: MeasureKind,
@@ -97,7 +98,7 @@ impl Measure {
 }
 
 /// The unit of lengths.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LengthUnit {
     pub name: String,
@@ -106,7 +107,7 @@ pub struct LengthUnit {
 }
 
 /// All measures, and their unit.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Measures {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

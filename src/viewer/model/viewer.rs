@@ -100,6 +100,7 @@ impl Viewer {
         self.scenes.share(&other.scenes);
         self.messages.share(&other.messages, None);
         (self.cameras.list, self.cameras.file) = (other.cameras.list.clone(), other.cameras.file.clone());
+        self.cameras.photographs.clone_from(&other.cameras.photographs);
         let (window, size) = (self.view.window_size, self.view.size);
         self.view = other.view.clone();
         self.view.set_sizes(window, size);

@@ -3,12 +3,13 @@
 use egui::{Event, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
 
 use super::messages::{Button, ClientMessage, CompareBy, Held, InputEvent};
+use crate::camera::Timeline;
 use crate::options::{Knob, Options};
 use crate::viewer::frame::Session;
-use crate::viewer::model::{ACTIONS, Action, Chord, CompareMode, CompareTarget, Request, Viewer, view_mode};
+use crate::viewer::model::{ACTIONS, Action, Chord, CompareMode, CompareTarget, Measures, Request, Viewer, view_mode};
 
 /// The actions of messages that are done at once. Those on files, the clipboard and the window are not among them.
-pub(super) const ACTS: [Action; 11] = [
+pub(super) const ACTS: [Action; 13] = [
     Action::NextCamera,
     Action::PreviousCamera,
     Action::NearestCamera,
@@ -20,6 +21,8 @@ pub(super) const ACTS: [Action; 11] = [
     Action::FreezeCulling,
     Action::NextLook,
     Action::PreviousLook,
+    Action::AddKey,
+    Action::Play,
 ];
 
 /// The actions that last while their key is held.
@@ -44,6 +47,11 @@ const MAX_REQUESTS: usize = 64;
 /// Most events of one message.
 const MAX_EVENTS: usize = 256;
 
+/// Most keys of a camera path, most measures, and their most points.
+pub const MAX_KEYS: usize = 100;
+const MAX_MEASURES: usize = 100;
+const MAX_POINTS: usize = 1000;
+
 /// Does what a message asks of a viewer. Returns the events for the next frame.
 ///
 /// # Errors
@@ -66,6 +74,9 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
             return Ok(all);
         }
         ClientMessage::Act { action } if action == ESCAPE => viewer.escape(),
+        ClientMessage::Act { action } if action == "add-key" && viewer.film.timeline.keys().len() >= MAX_KEYS => {
+            return Err(format!("a path has {MAX_KEYS} keys at most"));
+        }
         ClientMessage::Act { action } => viewer.act(named(&action, &ACTS)?, None),
         ClientMessage::Set { knob, value } => {
             let knob = Knob::named(&knob).ok_or_else(|| format!("there is no knob {knob}"))?;
@@ -91,6 +102,8 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
             "nothing" => viewer.comparison.target = CompareTarget::Nothing,
             "reference" if viewer.comparison.is_loading => return Err("a picture is being drawn already".to_owned()),
             "reference" => viewer.compare_with_reference(),
+            "photographs" if !viewer.cameras.have_photographs() => return Err("no camera has a photograph".to_owned()),
+            "photographs" => viewer.compare_with_photographs(),
             name => viewer.comparison.target = CompareTarget::Options(Some(preset(name)?)),
         },
         ClientMessage::CompareBy { mode, split, gain } => {
@@ -101,6 +114,32 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         }
         ClientMessage::Explain { pixel } => viewer.requests.push(Request::Pick(inside(viewer, pixel)?)),
         ClientMessage::Focus { pixel } => viewer.requests.push(Request::Focus(inside(viewer, pixel)?)),
+        ClientMessage::Mark { .. } if is_full(&viewer.measures) => {
+            return Err(format!("{MAX_MEASURES} measures and {MAX_POINTS} points are most"));
+        }
+        ClientMessage::Mark { pixel } => viewer.requests.push(Request::Mark(inside(viewer, pixel)?)),
+        ClientMessage::Measure { kind } => (viewer.ruler.kind, viewer.ruler.open) = (kind, None),
+        ClientMessage::Measures { measures } => {
+            measures.check().map_err(|problem| format!("these are no measures: {problem:#}"))?;
+            if is_full(&measures) {
+                return Err(format!("{MAX_MEASURES} measures and {MAX_POINTS} points are most"));
+            }
+            (viewer.measures, viewer.ruler.open) = (measures, None);
+        }
+        ClientMessage::Path { keys } => {
+            let path = Timeline::of_value(&keys).map_err(|problem| format!("this is no camera path: {problem:#}"))?;
+            if path.keys().len() > MAX_KEYS {
+                return Err(format!("a path has {MAX_KEYS} keys at most"));
+            }
+            (viewer.film.timeline, viewer.film.is_playing) = (path, false);
+            viewer.film.now = viewer.film.now.min(viewer.film.end());
+        }
+        ClientMessage::Turn => viewer.turn_path(),
+        ClientMessage::Time { seconds } => {
+            viewer.film.is_playing = false;
+            viewer.show_time(if seconds.is_finite() { seconds.clamp(0.0, viewer.film.end()) } else { 0.0 });
+        }
+        ClientMessage::StopFilm => viewer.export.cancel.cancel(),
         ClientMessage::Show { scene, is_shown } => match viewer.scenes.layers.get_mut(scene) {
             Some(layer) => layer.is_shown = [is_shown; 2],
             None => return Err(format!("there is no scene {scene}")),
@@ -113,6 +152,9 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
             None => return Err(format!("there is no scene {scene}")),
         },
         ClientMessage::Hello { .. }
+        | ClientMessage::Film { .. }
+        | ClientMessage::Picture { .. }
+        | ClientMessage::Rest { .. }
         | ClientMessage::Resize { .. }
         | ClientMessage::Files { .. }
         | ClientMessage::Open { .. }
@@ -120,6 +162,12 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         | ClientMessage::Ping { .. } => return Err("this message is not for the viewer".to_owned()),
     }
     Ok(Vec::new())
+}
+
+/// True if no point can be added.
+fn is_full(measures: &Measures) -> bool {
+    let points: usize = measures.all.iter().map(|measure| measure.points.len()).sum();
+    measures.all.len() >= MAX_MEASURES || points >= MAX_POINTS
 }
 
 fn named(name: &str, among: &[Action]) -> Result<Action, String> {

@@ -1,8 +1,12 @@
 //! The messages between a client and the server: JSON texts, described by `serve-client` and `serve-server` in
 //! `docs/schemas/`.
 
+use std::path::PathBuf;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::viewer::model::{LengthUnit, MeasureKind, Measures};
 
 /// A message of a client to the server.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -42,7 +46,7 @@ pub enum ClientMessage {
     Camera { index: usize },
     /// Go to a view, an entry of a cameras.json.
     View { view: serde_json::Value },
-    /// Compare with a preset, the float64 `reference`, or `nothing`.
+    /// Compare with a preset, the float64 `reference`, `photographs` of the cameras, or `nothing`.
     Compare { with: String },
     /// How the comparison is shown.
     CompareBy {
@@ -56,14 +60,34 @@ pub enum ClientMessage {
     Explain { pixel: [u32; 2] },
     /// Move the point around which the view turns to this pixel.
     Focus { pixel: [u32; 2] },
+    /// Add the point of the scene at a pixel to the open measure.
+    Mark { pixel: [u32; 2] },
+    /// The next point begins a measure of this kind.
+    Measure { kind: MeasureKind },
+    /// Replace all measures.
+    Measures { measures: Measures },
+    /// Replace the camera path, by one as [`ServerMessage::Path`] gives it; the empty list removes it.
+    Path { keys: serde_json::Value },
+    /// Replace the camera path by a turn around the point in the middle.
+    Turn,
+    /// Go to the view of the camera path at this time.
+    Time { seconds: f64 },
+    /// Write the camera path as a video of this many frames a second. [`ServerMessage::Film`] follows.
+    Film { fps: f64 },
+    /// Stop writing a film.
+    StopFilm,
+    /// Answered with [`ServerMessage::Rests`] once all that was asked for before is done and shown.
+    Rest { number: u32 },
     /// Show or hide a scene, by its place in the list.
     Show { scene: usize, is_shown: bool },
     /// Close a scene, by its place in the list.
     Close { scene: usize },
     /// List a folder below that of `--folder`; the empty text is that folder.
     Files { folder: String },
-    /// Open a scene, a camera file or a picture of the folder, in addition.
+    /// Open a scene, a camera file or a picture, in addition: of the folder; of any folder in `smalto view --control`.
     Open { file: String },
+    /// Write the picture as .png or .exr, in `smalto view --control` only. [`Rest`](Self::Rest) waits for the file.
+    Picture { file: PathBuf },
     /// The picture of this number is on the screen.
     Shown { picture: u32 },
     /// Answered at once with [`ServerMessage::Pong`].
@@ -151,6 +175,19 @@ pub enum ServerMessage {
         /// Peak signal-to-noise ratio in dB; null if no pixel differs.
         psnr: Option<f64>,
     },
+    /// The camera path, as a cameras.json with a time for each camera, whenever it has changed.
+    Path {
+        keys: serde_json::Value,
+    },
+    /// A film is written: the path of its address, until the connection ends or another film is written.
+    Film {
+        file: String,
+    },
+    /// All that was asked for before [`ClientMessage::Rest`] of this number is done and shown.
+    Rests {
+        number: u32,
+        state: Box<State>,
+    },
     /// A folder below that of `--folder`.
     Files {
         folder: String,
@@ -173,6 +210,8 @@ pub struct Welcome {
     pub device: String,
     /// The client may open files of a folder.
     pub has_folder: bool,
+    /// Films can be written.
+    pub has_films: bool,
     pub presets: Vec<String>,
     pub knobs: Vec<KnobEntry>,
     pub looks: Vec<LookEntry>,
@@ -230,11 +269,23 @@ pub struct State {
     pub preset: Option<String>,
     /// The values of all knobs, in the order of [`Welcome::knobs`].
     pub knobs: Vec<String>,
+    /// A camera has a photograph to compare with.
+    pub has_photographs: bool,
     pub look: String,
     /// Low and high end of its scale.
     pub range: [f32; 2],
     pub comparison: Option<ComparisonEntry>,
     pub explanation: Option<ExplanationEntry>,
+    /// The kind of the next measure.
+    pub measures_next: MeasureKind,
+    pub measures: Vec<MeasureEntry>,
+    /// The unit of lengths; null for world units.
+    pub unit: Option<LengthUnit>,
+    /// Time on the camera path in seconds, and whether it is played.
+    pub time: f64,
+    pub is_playing: bool,
+    /// The fraction of a film that is written, or of a picture; null while nothing is written.
+    pub writing: Option<f64>,
     /// The path that draws, fast or portable.
     pub path: Option<String>,
     /// Gaussians that passed the culling of the last frame.
@@ -270,6 +321,19 @@ pub struct SceneEntry {
     pub is_shown: bool,
     /// The fraction that is read; null once all is.
     pub progress: Option<f64>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct MeasureEntry {
+    pub kind: MeasureKind,
+    /// World units.
+    pub points: Vec<[f64; 3]>,
+    /// What is measured, as text in the unit; empty while it has too few points.
+    pub reading: String,
+    /// It gets the next point.
+    pub is_open: bool,
+    /// At rest: where its points are in the picture, in pixels; null for those that are not in front of the camera.
+    pub pixels: Vec<Option<[f64; 2]>>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]

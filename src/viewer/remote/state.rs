@@ -2,16 +2,17 @@
 
 use super::drive::{ACTS, HELD};
 use super::messages::{
-    ActionEntry, CompareBy, ComparisonEntry, ExplanationEntry, KnobEntry, KnobKind, LookEntry, MessageEntry, Rest,
-    SceneEntry, SplatEntry, State, Welcome,
+    ActionEntry, CompareBy, ComparisonEntry, ExplanationEntry, KnobEntry, KnobKind, LookEntry, MeasureEntry,
+    MessageEntry, Rest, SceneEntry, SplatEntry, State, Welcome,
 };
 use crate::gpu::Device;
 use crate::options::{KNOBS, Kind, Options};
+use crate::pixels::has_ffmpeg;
 use crate::render::{Inspection, Quantity, false_colour};
 use crate::viewer::actions::Program;
 use crate::viewer::frame::Session;
 use crate::viewer::model::{
-    ACTIONS, Bindings, CompareMode, CompareTarget, ExplainedPixel, Numbers, VIEW_MODES, preset_name,
+    ACTIONS, Bindings, CompareMode, CompareTarget, ExplainedPixel, Measure, Numbers, VIEW_MODES, Viewer, preset_name,
 };
 
 /// Splats of an explained pixel that are listed.
@@ -55,6 +56,7 @@ pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Welcom
         version: env!("CARGO_PKG_VERSION").to_owned(),
         device: device.capabilities().name.clone(),
         has_folder,
+        has_films: has_ffmpeg(),
         presets: owned(Options::PRESETS.iter().map(|(name, _)| *name).collect()),
         knobs: knobs.collect(),
         looks: looks.collect(),
@@ -65,7 +67,7 @@ pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Welcom
 
 /// What a client shows beside the picture.
 pub fn state(session: &mut Session) -> State {
-    let is_settled = session.is_settled();
+    let is_at_rest = session.is_at_rest();
     let (title, residency) = (session.title(), session.residency());
     let levels = session.level_psnr();
     session.viewer.timing.frame_times.summarize();
@@ -96,10 +98,17 @@ pub fn state(session: &mut Session) -> State {
         cameras: viewer.cameras.list.len(),
         preset: preset_name(|preset| viewer.preset(preset) == viewer.options).map(str::to_owned),
         knobs: KNOBS.iter().map(|knob| (knob.get)(&viewer.options).to_string()).collect(),
+        has_photographs: viewer.cameras.have_photographs(),
         look: settings.view_mode().name.to_owned(),
         range: settings.ranges[settings.mode],
         comparison: comparison(session),
         explanation: viewer.inspector.explanation.as_ref().map(|explained| explanation(session, explained)),
+        measures_next: viewer.ruler.kind,
+        measures: measures(viewer, is_at_rest),
+        unit: viewer.measures.unit.clone(),
+        time: viewer.film.now,
+        is_playing: viewer.film.is_playing,
+        writing: viewer.export.progress,
         path: pair.first.as_ref().map(|first| first.path.to_string()),
         visible: pair.first.as_ref().map_or(0, |first| first.frame.totals.visible),
         gpu_ms,
@@ -109,7 +118,7 @@ pub fn state(session: &mut Session) -> State {
         missing_pages: residency.map_or(0, |pages| pages.missing),
         messages,
         nothing: viewer.why_nothing_is_seen(pair),
-        rest: is_settled.then(rest).flatten(),
+        rest: is_at_rest.then(rest).flatten(),
     }
 }
 
@@ -123,6 +132,22 @@ pub fn is_of_render(session: &Session) -> bool {
         && viewer.comparison.target == CompareTarget::Nothing
         && session.residency().is_none_or(|pages| pages.missing == 0)
         && viewer.command_line(Program::Render).1.is_empty()
+}
+
+/// All measures, with their places in a picture at rest.
+fn measures(viewer: &Viewer, is_at_rest: bool) -> Vec<MeasureEntry> {
+    let view = viewer.drawn_view();
+    let entry = |(i, measure): (usize, &Measure)| MeasureEntry {
+        kind: measure.kind,
+        points: measure.points.clone(),
+        reading: viewer.measures.reading(measure),
+        is_open: viewer.ruler.open == Some(i),
+        pixels: match is_at_rest {
+            true => measure.points().map(|point| view.projected(point).map(|(pixel, _)| pixel.to_array())).collect(),
+            false => Vec::new(),
+        },
+    };
+    viewer.measures.all.iter().enumerate().map(entry).collect()
 }
 
 fn comparison(session: &Session) -> Option<ComparisonEntry> {
