@@ -29,7 +29,8 @@ pub fn is_video(file: &Path) -> bool {
 
 /// True if there is an ffmpeg.
 pub fn has_ffmpeg() -> bool {
-    let found = Command::new(FFMPEG).arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).status();
+    let mut version = Command::new(FFMPEG);
+    let found = version.arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).status();
     found.is_ok_and(|status| status.success())
 }
 

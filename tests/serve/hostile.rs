@@ -89,6 +89,22 @@ fn strange(random: &mut Random) -> Value {
         json!({ "do": "files", "folder": pick(&name) }),
         json!({ "do": "open", "file": pick(&name) }),
         json!({ "do": "shown", "picture": pick(&whole) }),
+        json!({ "do": "mark", "pixel": [pick(&whole), pick(&whole)] }),
+        json!({ "do": "measure", "kind": pick(&["distance", "angle", "area", "pairs"].map(|kind| json!(kind))) }),
+        json!({ "do": "measures", "measures": {
+            "all": [{ "kind": "area", "points": [[x, y, 0], [y, y, x], [0, x, y]] }],
+            "unit": { "name": pick(&name), "per_world": y } } }),
+        json!({ "do": "path", "keys": [
+            { "position": [x, y, 0], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "width": 64, "height": pick(&whole),
+              "fx": 50, "fy": 50, "seconds": x },
+            { "position": [y, y, 0], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "width": 64, "height": 64,
+              "fx": 50, "fy": 50, "seconds": y, "rests": flag }] }),
+        json!({ "do": "turn" }),
+        json!({ "do": "time", "seconds": x }),
+        json!({ "do": "film", "fps": y }),
+        json!({ "do": "stop-film" }),
+        json!({ "do": "rest", "number": pick(&whole) }),
+        json!({ "do": "picture", "file": pick(&name) }),
     ];
     pick(&messages)
 }
@@ -106,7 +122,9 @@ fn strange_values_do_no_harm() {
             client.say(json!({ "do": "ping", "time": i }));
             while client.told("pong")["time"] != json!(f64::from(i)) {}
         }
-        // The viewer is still one that can be used.
+        // The viewer is still one that can be used, once no button is held.
+        let release = |button| json!({ "kind": "button", "x": 0, "y": 0, "button": button, "is_pressed": false });
+        client.input(json!([release("left"), release("middle"), release("right")]));
         client.say(json!({ "do": "resize", "size": [64 + round, 64] }));
         client.until(|state| state["rest"]["view"]["width"] == json!(64 + round));
     }

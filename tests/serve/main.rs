@@ -10,5 +10,6 @@ mod client;
 mod control;
 mod hostile;
 mod page;
+mod paths;
 mod pictures;
 mod server;

@@ -107,6 +107,7 @@ function hear(message) {
       if (saved.preset) say({ do: 'preset', name: saved.preset });
       for (const [knob, value] of Object.entries(saved.knobs)) say({ do: 'set', knob, value });
       if (saved.look) say({ do: 'look', name: saved.look, range: null });
+      restore();
       break;
     case 'state':
       state = message;
@@ -115,6 +116,15 @@ function hear(message) {
     case 'cameras':
       names = message.names;
       showCameras();
+      break;
+    case 'path':
+      path = message.keys;
+      keep('path', path);
+      showPath();
+      break;
+    case 'film':
+      at('video').src = at('film-file').href = message.file;
+      at('film-ready').hidden = false;
       break;
     case 'loss':
       losses.set(message.picture, message.psnr);
@@ -129,6 +139,8 @@ function hear(message) {
       setTimeout(() => notice(''), 5000);
       // A value that was refused does not stay in its field.
       if (document.activeElement.dataset.knob) document.activeElement.blur();
+      at('path-keys').dataset.content = '';
+      showPath();
       if (state) showState();
       break;
     case 'pong':
@@ -254,7 +266,12 @@ function option(value, text) {
 
 function build() {
   at('preset').replaceChildren(option('', 'own settings'), ...welcome.presets.map((name) => option(name)));
-  at('with').replaceChildren(option('nothing'), ...welcome.presets.map((name) => option(name)), option('reference', 'float64 reference'));
+  const photographs = option('photographs', 'photographs of the cameras');
+  photographs.id = 'photographs';
+  at('with').replaceChildren(option('nothing'), ...welcome.presets.map((name) => option(name)),
+    option('reference', 'float64 reference'), photographs);
+  at('film').disabled = !welcome.has_films;
+  at('no-films').hidden = welcome.has_films;
   at('look').replaceChildren(...welcome.looks.map(({ name, title }) => option(name, title)));
   const stops = welcome.colours.map((colour, i) => `${colour} ${(100 * i) / (welcome.colours.length - 1)}%`);
   at('colours').style.background = `linear-gradient(to right, ${stops.join(', ')})`;
@@ -267,6 +284,7 @@ function build() {
     ['wheel, two fingers', 'nearer or farther'],
     ['double click', 'turn around this point'],
     ['X', 'explain the pixel under the pointer'],
+    ['M', 'add the point under the pointer to a measure'],
     ['H', 'hide or show the panel'],
     ['Escape', 'close messages and the explanation'],
   ];
@@ -341,8 +359,11 @@ function showState() {
   put(at('high'), String(state.range[1]));
   showScenes();
   showStages();
+  at('photographs').hidden = !state.has_photographs;
   showComparison();
   showExplanation();
+  showMeasures();
+  showTime();
   const messages = [...state.messages];
   if (state.nothing) messages.push({ is_error: false, text: state.nothing });
   if (isNew(at('messages'), messages)) {
@@ -456,6 +477,148 @@ function showExplanation() {
   showExplanation.last = JSON.stringify(pixel);
 }
 
+// ---- Measures and the camera path. The server has them; the page keeps them for the next connection of this tab.
+
+let path = [];
+
+function keep(name, value) {
+  sessionStorage.setItem(name, JSON.stringify(value));
+}
+
+function restore() {
+  const kept = (name) => JSON.parse(sessionStorage.getItem(name));
+  const [measures, keys] = [kept('measures'), kept('path')];
+  path = [];
+  showPath();
+  at('film-ready').hidden = true;
+  if (measures && measures.all.length) say({ do: 'measures', measures });
+  if (keys && keys.length) say({ do: 'path', keys });
+}
+
+const ownMeasures = () => {
+  const measures = { all: state.measures.map(({ kind, points }) => ({ kind, points })) };
+  return state.unit ? { ...measures, unit: state.unit } : measures;
+};
+
+function showMeasures() {
+  const all = state.measures;
+  showLines(all);
+  put(at('kind'), state.measures_next);
+  const open = all.find(({ is_open: isOpen }) => isOpen);
+  at('known').hidden = !open || open.points.length < 2;
+  at('no-unit').hidden = !state.unit;
+  if (!isNew(at('measures'), all.map(({ pixels, ...rest }) => rest))) return;
+  keep('measures', ownMeasures());
+  at('measures').replaceChildren(...all.map(({ kind, points, reading, is_open: isOpen }, i) => {
+    const made = document.createElement('div');
+    made.className = 'row';
+    const text = made.appendChild(document.createElement('span'));
+    text.textContent = `${i + 1} ${kind}: ${reading || `${points.length} points`}`;
+    text.title = points.map((point) => point.map((value) => value.toFixed(6)).join(', ')).join('\n');
+    if (isOpen) text.style.fontWeight = 600;
+    const remove = made.appendChild(document.createElement('button'));
+    remove.textContent = 'remove';
+    remove.setAttribute('aria-label', `Remove measure ${i + 1}`);
+    remove.addEventListener('click', () => {
+      const measures = ownMeasures();
+      measures.all.splice(i, 1);
+      say({ do: 'measures', measures });
+    });
+    return made;
+  }));
+  if (all.length > showMeasures.count) at('measures-section').open = true;
+  showMeasures.count = all.length;
+}
+showMeasures.count = 0;
+
+// Measures are drawn over pictures at rest.
+function showLines(all) {
+  const lines = at('lines');
+  lines.setAttribute('viewBox', `0 0 ${canvas.width} ${canvas.height}`);
+  lines.setAttribute('preserveAspectRatio', 'none');
+  const make = (name, values) => {
+    const made = document.createElementNS('http://www.w3.org/2000/svg', name);
+    for (const [key, value] of Object.entries(values)) made.setAttribute(key, value);
+    return made;
+  };
+  const shown = [];
+  for (const { kind, pixels } of all) {
+    const ends = kind === 'area' && pixels.length > 2 ? [...pixels, pixels[0]] : pixels;
+    for (let i = 0; i + 1 < ends.length; i++) {
+      if (kind === 'pairs' && i % 2) continue;
+      if (ends[i] && ends[i + 1]) shown.push(make('polyline', { points: `${ends[i]} ${ends[i + 1]}` }));
+    }
+    for (const pixel of pixels) if (pixel) shown.push(make('circle', { cx: pixel[0], cy: pixel[1], r: 3 }));
+  }
+  lines.replaceChildren(...shown);
+}
+
+at('kind').addEventListener('change', ({ target }) => say({ do: 'measure', kind: target.value }));
+at('set-unit').addEventListener('click', () => {
+  const open = state.measures.find(({ is_open: isOpen }) => isOpen);
+  const [a, b] = open.points.slice(-2);
+  const length = Math.hypot(...a.map((value, i) => value - b[i]));
+  const unit = { name: at('unit-name').value.trim(), per_world: Number(at('length').value) / length };
+  say({ do: 'measures', measures: { ...ownMeasures(), unit } });
+});
+at('no-unit').addEventListener('click', () => say({ do: 'measures', measures: { all: ownMeasures().all } }));
+
+const setPath = (keys) => say({ do: 'path', keys });
+
+function showPath() {
+  at('path-tools').hidden = !path.length;
+  if (path.length > showPath.count) at('path-section').open = true;
+  showPath.count = path.length;
+  if (path.length) at('time').max = path[path.length - 1].seconds;
+  if (!isNew(at('path-keys'), path)) return;
+  at('path-keys').tBodies[0].replaceChildren(...path.map((key, i) => {
+    const input = (type, label) => {
+      const made = document.createElement('input');
+      made.type = type;
+      made.setAttribute('aria-label', `${label} of key ${i}`);
+      return made;
+    };
+    const others = path.filter((_, j) => j !== i);
+    const [seconds, rests] = [input('number', 'Time'), input('checkbox', 'Rest')];
+    [seconds.value, seconds.min, seconds.step, rests.checked] = [key.seconds, 0, 'any', !!key.rests];
+    // A time that another key has, or none, is refused, and the key stays.
+    seconds.addEventListener('change', () => setPath([...others, { ...key, seconds: Number(seconds.value) }]));
+    rests.addEventListener('change', () => setPath([...others, { ...key, rests: rests.checked }]));
+    const button = (text, act) => {
+      const made = document.createElement('button');
+      made.textContent = text;
+      made.setAttribute('aria-label', `${text} key ${i}`);
+      made.addEventListener('click', act);
+      return made;
+    };
+    return row([seconds, 'td'], [rests, 'td'], [button('show', () => say({ do: 'time', seconds: key.seconds })), 'td'],
+      [button('remove', () => setPath(others)), 'td']);
+  }));
+}
+showPath.count = 0;
+
+function showTime() {
+  put(at('time'), String(state.time));
+  at('now').textContent = `${state.time.toFixed(1)} s`;
+  at('play').textContent = state.is_playing ? 'Stop' : 'Play';
+  const isWriting = state.writing !== null;
+  at('writing').hidden = at('stop-film').hidden = !isWriting;
+  if (isWriting) at('writing').value = state.writing;
+  at('film').disabled = !welcome.has_films || isWriting || path.length < 2;
+}
+
+at('turn').addEventListener('click', () => say({ do: 'turn' }));
+at('time').addEventListener('input', ({ target }) => say({ do: 'time', seconds: Number(target.value) }));
+at('close-path').addEventListener('click', () => {
+  const times = path.map(({ seconds }) => seconds);
+  const step = times.length > 1 ? times[times.length - 1] - times[times.length - 2] : 2;
+  setPath([...path, { ...path[0], seconds: times[times.length - 1] + step }]);
+});
+at('save-path').addEventListener('click', () => save(new Blob([JSON.stringify(path, null, 1)]), 'path.json'));
+at('drop-path').addEventListener('click', () => setPath([]));
+at('film').addEventListener('click', () => say({ do: 'film', fps: Number(at('fps').value) }));
+at('stop-film').addEventListener('click', () => say({ do: 'stop-film' }));
+
 function showFiles({ folder, folders, files }) {
   const button = (text, act) => {
     const made = document.createElement('button');
@@ -499,14 +662,14 @@ at('gain').addEventListener('input', () => compareBy(null));
 for (const button of document.querySelectorAll('[data-act]')) {
   button.addEventListener('click', () => say({ do: 'act', action: button.dataset.act }));
 }
-at('save').addEventListener('click', () => {
-  if (!exact) return;
+at('save').addEventListener('click', () => exact && save(exact.file, 'view.png'));
+function save(file, name) {
   const link = document.createElement('a');
-  link.href = URL.createObjectURL(exact.file);
-  link.download = 'view.png';
+  link.href = URL.createObjectURL(file);
+  link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-});
+}
 async function copy(text, what) {
   try {
     await navigator.clipboard.writeText(text);
@@ -658,6 +821,7 @@ document.addEventListener('keydown', (event) => {
     input({ kind: 'key', action: flies.name, is_pressed: true, held: keysHeld(event) });
   } else if (event.key === 'Escape') say({ do: 'act', action: 'escape' });
   else if (keyName(event) === 'X') say({ do: 'explain', pixel: pixel() });
+  else if (keyName(event) === 'M') say({ do: 'mark', pixel: pixel() });
   else if (keyName(event) === 'H') togglePanel();
   else if ((event.key === 'Shift' || event.key === 'Control') && held.size) {
     for (const action of held) input({ kind: 'key', action, is_pressed: true, held: keysHeld(event) });

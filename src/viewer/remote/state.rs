@@ -1,5 +1,7 @@
 //! What a client shows of a viewer.
 
+use std::sync::LazyLock;
+
 use super::drive::{ACTS, HELD};
 use super::messages::{
     ActionEntry, CompareBy, ComparisonEntry, ExplanationEntry, KnobEntry, KnobKind, LookEntry, MeasureEntry,
@@ -20,6 +22,9 @@ const MAX_SPLATS: usize = 100;
 
 /// Number of false colours that are listed.
 const COLOURS: usize = 32;
+
+/// Films can be written: it takes a process to know.
+static HAS_FILMS: LazyLock<bool> = LazyLock::new(has_ffmpeg);
 
 /// What does not change while a connection lasts.
 pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Welcome {
@@ -56,7 +61,7 @@ pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Welcom
         version: env!("CARGO_PKG_VERSION").to_owned(),
         device: device.capabilities().name.clone(),
         has_folder,
-        has_films: has_ffmpeg(),
+        has_films: *HAS_FILMS,
         presets: owned(Options::PRESETS.iter().map(|(name, _)| *name).collect()),
         knobs: knobs.collect(),
         looks: looks.collect(),
