@@ -21,7 +21,7 @@ from ._smalto import (
     compare,
     reference,
 )
-from ._window import Window, view
+from ._viewers import Server, Window, serve, view
 
 __all__ = [
     "Camera",
@@ -31,6 +31,7 @@ __all__ = [
     "Picture",
     "Renderer",
     "Scene",
+    "Server",
     "SplitRenderer",
     "UnreadableError",
     "Window",
@@ -39,5 +40,6 @@ __all__ = [
     "rasterization",
     "reference",
     "release",
+    "serve",
     "view",
 ]

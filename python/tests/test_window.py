@@ -58,6 +58,22 @@ def test_a_window_shows_a_scene_and_its_updates(desktop, tmp_path):
         assert told(window, {"event": "scene", "gaussians": 400})
 
 
+def test_a_window_is_controlled(desktop, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with smalto.view("cactus:2000", "--size", "320x200", "--no-panels") as window:
+        state = window.ask("picture", file="first.png")
+        assert state["preset"] == "balanced" and (tmp_path / "first.png").is_file()
+        assert window.ask("preset", name="preview")["preset"] == "preview"
+        window.ask("picture", file="second.png")
+        assert (tmp_path / "first.png").read_bytes() != (tmp_path / "second.png").read_bytes()
+        with pytest.raises(ValueError, match="there is no preset best"):
+            window.ask("preset", name="best")
+        view = window.ask("look", name="depth", range=None)["rest"]["view"]
+        assert window.ask("view", view=view)["rest"]["view"] == view
+    with pytest.raises(smalto.Error, match="the window is closed"):
+        window.ask("preset", name="fast")
+
+
 def test_what_stops_a_window_is_said(desktop, monkeypatch):
     with pytest.raises(smalto.Error, match="no-such-option"):
         smalto.view("cactus:100", "--no-such-option")

@@ -151,6 +151,12 @@ pub(super) struct Args {
     /// Write events to standard output, one line of JSON each
     #[arg(long, help_heading = MEASURING)]
     events: bool,
+    /// Let a program control the window: lines of JSON on a local socket at this path
+    ///
+    /// docs/control.md describes the messages.
+    #[cfg(unix)]
+    #[arg(long, help_heading = MEASURING, value_name = "PATH", conflicts_with = "offscreen")]
+    control: Option<PathBuf>,
     /// Open no window: draw this many frames, and print their times
     ///
     /// The views are the cameras of the file in turn, or that of --camera or --eye.
@@ -262,6 +268,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
         memory: args.device.memory_limit(),
         shaders: environment.shaders,
         with_pipeline_cache: super::pipeline_cache::with_pipeline_cache,
+        #[cfg(unix)]
+        control: args.control.clone(),
+        #[cfg(not(unix))]
+        control: None,
         fault,
     })
 }

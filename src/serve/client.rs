@@ -15,16 +15,12 @@ use super::link::Link;
 use super::outbox::Outbox;
 use super::pictures::{Exact, ShownPicture};
 use super::session_event::{Said, SessionEvent};
-use crate::camera::Timeline;
 use crate::gpu::{Device, DeviceLost};
-use crate::viewer::remote::{ClientMessage, ServerMessage, State, drive, is_of_render, state, welcome};
-use crate::viewer::{Offscreen, Request, Setup};
+use crate::viewer::remote::{ClientMessage, News, ServerMessage, State, Told, drive, is_of_render, welcome};
+use crate::viewer::{FrameOutput, Offscreen, Request, Setup};
 
 /// Time without a change after which a picture is sent without loss.
 const REST: Duration = Duration::from_millis(150);
-
-/// Least time from one state to the next.
-const STATES: Duration = Duration::from_millis(100);
 
 /// Most events that wait for a frame.
 const MAX_INPUT: usize = 4096;
@@ -34,9 +30,6 @@ const MAX_SCENES: usize = 16;
 
 /// Most messages that wait until the scenes are read.
 const MAX_EARLY: usize = 256;
-
-/// Most requests for rest that wait.
-const MAX_RESTS: usize = 64;
 
 /// Most frames of a film: four minutes of 30 a second.
 const MAX_FRAMES: usize = 7200;
@@ -70,15 +63,9 @@ pub struct Client {
     drawn: Instant,
     /// When the next frame is due; `None` if it waits for something to happen.
     due: Option<Instant>,
-    /// The text that the client got last, and when.
-    state: (String, Instant),
-    cameras: usize,
-    /// The camera path that the client knows.
-    path: Timeline,
+    news: News,
     films: Films,
     film: Option<Film>,
-    /// Numbers of the requests for rest that are not answered yet.
-    rests: Vec<u32>,
     /// What the client said before the scenes were read; `None` once they are.
     early: Option<Vec<Said>>,
 }
@@ -103,7 +90,7 @@ impl Client {
         // The first viewer waits for changes of files, for all.
         let setup = Setup { scenes: Vec::new(), cameras: None, photographs: None, watches_files: false, ..setup };
         let greeting = welcome(device, &setup.bindings, admission.folder.is_some());
-        outbox.text(text(&ServerMessage::Welcome(Box::new(greeting))));
+        outbox.text(greeting.text());
         let (now, input, picture) = (Instant::now(), Vec::new(), None);
         Ok(Self {
             id,
@@ -121,12 +108,9 @@ impl Client {
             changed: now,
             drawn: now,
             due: None,
-            state: (String::new(), now - STATES),
-            cameras: 0,
-            path: Timeline::default(),
+            news: News::default(),
             films,
             film: None,
-            rests: Vec::new(),
             early: Some(
                 view.map(|view| Said { at: now, message: ClientMessage::View { view }, file: None })
                     .into_iter()
@@ -155,7 +139,7 @@ impl Client {
 
     /// Says why something is not done.
     pub fn refuse(&self, why: String) {
-        self.outbox.text(text(&ServerMessage::Refused { why }));
+        self.outbox.text(ServerMessage::Refused { why }.text());
     }
 
     pub fn wake(&mut self) {
@@ -163,19 +147,11 @@ impl Client {
         self.due = Some(self.due.map_or(now, |due| due.min(now)));
     }
 
-    /// Sends a state, unless it is that of the last time. Returns the time at which it can be sent, if that is later.
-    pub fn send_state(&mut self, state: State) -> Option<Instant> {
-        let text = text(&ServerMessage::State(Box::new(state)));
-        let (now, next) = (Instant::now(), self.state.1 + STATES);
-        if text == self.state.0 {
-            return None;
+    /// Sends a state of the first viewer, unless it is that of the last time.
+    pub fn send_state(&mut self, state: State) {
+        if let (Some(text), _) = self.news.of_state(state) {
+            self.outbox.state(text);
         }
-        if next > now {
-            return Some(next);
-        }
-        self.outbox.state(text.clone());
-        self.state = (text, now);
-        None
     }
 
     /// Does what a message asks for.
@@ -200,11 +176,7 @@ impl Client {
             },
             ClientMessage::Open { .. } => self.open(file).map(|()| Vec::new()),
             ClientMessage::Film { fps } => self.write_film(fps).map(|()| Vec::new()),
-            ClientMessage::Rest { .. } if self.rests.len() >= MAX_RESTS => Err("too much is asked for".to_owned()),
-            ClientMessage::Rest { number } => {
-                self.rests.push(number);
-                Ok(Vec::new())
-            }
+            ClientMessage::Rest { number } => self.news.await_rest(number).map(|()| Vec::new()),
             message => drive(&mut self.offscreen.session, message),
         };
         match done {
@@ -312,7 +284,7 @@ impl Client {
         self.drawn = Instant::now();
         let before = self.offscreen.viewer().timing.pace.shown;
         let input = std::mem::take(&mut self.input);
-        let repaint_delay = self.offscreen.frame(input)?.repaint_delay;
+        let FrameOutput { platform, repaint_delay, .. } = self.offscreen.frame(input)?;
         // The values of a picture are read back in the frame after it.
         let has_news = self.offscreen.session.retire_frames(true)?;
         let now = Instant::now();
@@ -330,39 +302,18 @@ impl Client {
         if exact_at.is_some_and(|at| at <= now) {
             self.send_exact();
         }
-        let now_shown = state(&mut self.offscreen.session);
-        let state_at = self.send_state(now_shown);
-        self.send_lists();
+        let Told { texts, state, next } = self.news.of(&mut self.offscreen.session, platform.is_none());
+        texts.into_iter().for_each(|text| self.outbox.text(text));
+        state.into_iter().for_each(|text| self.outbox.state(text));
         self.send_film();
-        if self.offscreen.session.is_settled() && self.input.is_empty() {
-            for number in std::mem::take(&mut self.rests) {
-                let state = Box::new(state(&mut self.offscreen.session));
-                self.outbox.text(text(&ServerMessage::Rests { number, state }));
-            }
-        }
         let waits = [
             has_news.then_some(now),
             (repaint_delay < Duration::from_secs(3600)).then(|| now + repaint_delay),
             exact_at.filter(|_| !self.is_exact),
-            state_at,
+            next,
         ];
         self.due = waits.into_iter().flatten().min();
         Ok(())
-    }
-
-    /// Sends the names of cameras, and the camera path, if they have changed.
-    fn send_lists(&mut self) {
-        let viewer = &self.offscreen.session.viewer;
-        let cameras = &viewer.cameras.list;
-        if cameras.len() != self.cameras {
-            self.cameras = cameras.len();
-            let names = cameras.iter().map(|camera| camera.name.clone()).collect();
-            self.outbox.text(text(&ServerMessage::Cameras { names }));
-        }
-        if viewer.film.timeline != self.path {
-            self.path.clone_from(&viewer.film.timeline);
-            self.outbox.text(text(&ServerMessage::Path { keys: self.path.to_value() }));
-        }
     }
 
     /// Sends the address of a film that is written. What went wrong otherwise is a message of the viewer.
@@ -372,7 +323,7 @@ impl Client {
             return;
         }
         if let Some(file) = self.film.as_mut().filter(|film| !film.is_written).and_then(Film::publish) {
-            self.outbox.text(text(&ServerMessage::Film { file }));
+            self.outbox.text(ServerMessage::Film { file }.text());
         }
     }
 
@@ -395,7 +346,7 @@ impl Client {
             if newest.load(Ordering::Relaxed) == number
                 && let Ok(psnr) = picture.loss(&jpeg)
             {
-                outbox.text(text(&ServerMessage::Loss { picture: number, psnr }));
+                outbox.text(ServerMessage::Loss { picture: number, psnr }.text());
             }
         });
     }
@@ -412,11 +363,6 @@ impl Client {
             Err(problem) => outbox.end(format!("{problem:#}")),
         });
     }
-}
-
-/// A message as text.
-pub fn text(message: &ServerMessage) -> String {
-    serde_json::to_string(message).expect("messages are plain data")
 }
 
 #[cfg(test)]

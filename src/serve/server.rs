@@ -26,7 +26,6 @@ use tower::ServiceExt;
 use tower_http::services::ServeFile;
 
 use super::admission::Admission;
-use super::client::text;
 use super::films::Films;
 use super::outbox::{Outbox, Outgoing};
 use super::session_event::{Said, SessionEvent};
@@ -332,7 +331,7 @@ async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), 
             }
         };
         if let Some(answer) = answer {
-            outbox.text(text(&answer));
+            outbox.text(answer.text());
         }
     }
 }

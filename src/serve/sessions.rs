@@ -126,7 +126,7 @@ impl Sessions {
                 (true, true) => client.follow(&self.first, self.followed),
                 (true, false) => {}
                 (false, true) => client.join(&self.first),
-                (false, false) => drop(client.send_state(state(&mut self.first.session))),
+                (false, false) => client.send_state(state(&mut self.first.session)),
             }
         }
         if is_settled {

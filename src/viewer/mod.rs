@@ -15,7 +15,6 @@ mod frame;
 mod jobs;
 mod model;
 mod panels;
-#[cfg(feature = "serve")]
 pub(crate) mod remote;
 mod window;
 
@@ -25,4 +24,7 @@ pub use model::{
     Bindings, Change, CompareMode, CompareTarget, CompareWith, Counts, Digest, Event, MeasureKind, Property,
     RecentState, Request, Selection, Setup, Start, Tab, Tool, Viewer, WindowRequest, view_mode, view_mode_names,
 };
+#[cfg(unix)]
+#[doc(hidden)]
+pub use remote::Control;
 pub use window::{DEFAULT_SIZE, Fault, Offscreen, PATH_FPS, PageCounts, Summary, WindowSetup, run, run_offscreen};

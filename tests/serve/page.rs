@@ -159,7 +159,8 @@ const SUM: &str = "(() => { const p = context.getImageData(0, 0, canvas.width, c
 
 #[test]
 fn a_page_shows_and_moves_a_scene() {
-    let mut server = Server::start(&["cactus:2000", "--token"]);
+    let programs = tempfile::tempdir().unwrap();
+    let mut server = Server::with_ffmpeg(&["cactus:2000", "--token"], programs.path());
     let mut page = Browser::open(&server.url(), [900, 560]);
     page.until(&format!("{EXACT} && canvas.height === 560"));
     assert_eq!(page.value("sessionStorage.getItem('token')"), json!(server.token));
@@ -215,12 +216,33 @@ fn a_page_shows_and_moves_a_scene() {
     page.value("at('look').value = 'colour'; at('look').dispatchEvent(new Event('change'))");
     page.value("canvas.focus()");
     page.key("keyDown", "Escape");
+    // Points are measured, and a path is made, changed, and written as a film.
+    page.key("keyDown", "m");
+    page.until("state.measures.length === 1");
+    page.mouse("mouseMoved", [280.0, 240.0], "none");
+    page.key("keyDown", "m");
+    page.until(
+        "document.querySelectorAll('#lines circle').length === 2 && at('measures').textContent.includes('distance')",
+    );
+    page.value("at('turn').click()");
+    page.until("at('path-keys').rows.length === 17");
+    page.value("at('path-keys').rows[1].querySelector('[aria-label^=remove]').click()");
+    page.until("at('path-keys').rows.length === 16 && path[1].seconds === 4");
+    let seconds = "at('path-keys').rows[1].querySelector('[type=number]')";
+    page.value(&format!("{seconds}.value = '6'; {seconds}.dispatchEvent(new Event('change'))"));
+    page.until(&format!("at('notice').textContent.includes('no camera path') && {seconds}.value === '4'"));
+    page.value("at('fps').value = '1'; at('film').click()");
+    page.until("!at('film-ready').hidden && at('film-file').href.includes('/film/')");
+    page.value("at('film-ready').scrollIntoView()");
+    page.screenshot("serve-path.png");
+    page.value("at('path-keys').rows[0].querySelector('[aria-label^=show]').click()");
     // The view is in the address, so that it outlives the page and the server.
     page.until(&format!("{EXACT} && state.look === 'colour' && state.comparison === null && !state.explanation"));
     let (view, sum) = (page.value("location.hash"), page.value(SUM));
     assert!(view.as_str().unwrap().contains("view=") && !view.as_str().unwrap().contains("token"));
     page.call("Page.reload", json!({}));
     page.until(&format!("typeof canvas === 'object' && {EXACT} && {SUM} === {sum}"));
+    page.until("path.length === 16 && state.measures.length === 1");
     let port = server.port;
     drop(server);
     page.until("at('what').textContent === 'not connected'");

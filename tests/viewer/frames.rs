@@ -169,7 +169,7 @@ fn films_and_pictures_are_written_as_by_render() {
     viewer.export.size = Some([64, 48]);
     viewer.requests.extend([Request::WriteFilm]);
     offscreen.settle().unwrap();
-    offscreen.viewer().requests.push(Request::WritePicture);
+    offscreen.viewer().requests.push(Request::WritePicture(None));
     offscreen.settle().unwrap();
     let frames: Vec<PathBuf> = (0..3).map(|i| folder.path().join(format!("film/{i:05}.png"))).collect();
     assert!(frames.iter().all(|frame| frame.is_file()) && !folder.path().join("film/00003.png").exists());
@@ -245,7 +245,7 @@ fn a_scene_with_levels_is_read_page_by_page() {
     // The picture that is written waits for all pages, and the one on the screen shows the same.
     let (screen, picture) = (shown(&mut offscreen), folder.path().join("view.png"));
     offscreen.viewer().export.picture = picture.to_str().unwrap().to_owned();
-    offscreen.viewer().requests.push(Request::WritePicture);
+    offscreen.viewer().requests.push(Request::WritePicture(None));
     offscreen.settle().unwrap();
     let written = Pixels::read(&picture).unwrap();
     assert_eq!(max_error(&screen, &written), 0.0);

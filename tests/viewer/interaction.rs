@@ -286,7 +286,7 @@ fn what_is_seen_is_written() {
         offscreen.viewer().pictures.are_stale = true;
         offscreen.settle().unwrap();
         let mut screen = shown(offscreen);
-        offscreen.viewer().requests.push(Request::WritePicture);
+        offscreen.viewer().requests.push(Request::WritePicture(None));
         offscreen.settle().unwrap();
         let told = offscreen.viewer().messages.shown().last().unwrap().text.clone();
         assert!(told.contains(&file(name).display().to_string()), "{told}");

@@ -3,6 +3,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+#[cfg(unix)]
+mod control;
 mod edits;
 mod file_watch;
 mod frames;

@@ -36,7 +36,7 @@ fn slow_pictures_in_motion_have_a_lower_scale() {
     frame(&mut offscreen, vec![key(Key::F12, Modifiers::NONE)]);
     let moving = offscreen.viewer().view.camera();
     offscreen.viewer().inspector.settings.mode = view_mode("depth").unwrap();
-    offscreen.viewer().requests.extend([Request::WritePicture, Request::Mark([80, 48])]);
+    offscreen.viewer().requests.extend([Request::WritePicture(None), Request::Mark([80, 48])]);
     frame(&mut offscreen, Vec::new());
     let said: Vec<_> = offscreen.viewer().messages.shown().iter().map(|message| message.text.clone()).collect();
     assert!(said.iter().any(|text| text.contains("ask again when it rests")), "{said:?}");

@@ -151,7 +151,7 @@ fn pictures_are_copied_and_have_layers() {
     let file = folder.path().join("layers.exr");
     let viewer = offscreen.viewer();
     (viewer.export.picture, viewer.export.has_layers) = (file.display().to_string(), true);
-    viewer.requests.push(Request::WritePicture);
+    viewer.requests.push(Request::WritePicture(None));
     offscreen.settle().unwrap();
     assert!(Pixels::read(&file).unwrap().rgba == picture.rgba);
     let layers = exr::prelude::read_first_flat_layer_from_file(&file).unwrap();

@@ -112,11 +112,11 @@ impl Shots {
 }
 
 impl Viewer {
-    /// Starts to write the view as a picture.
-    pub fn write_picture(&mut self, device: &Device, reusable: Option<Reusable>) {
+    /// Starts to write the view as a picture, to this file or to the next one that is free.
+    pub fn write_picture(&mut self, device: &Device, reusable: Option<Reusable>, file: Option<PathBuf>) {
         let camera = self.view.camera();
         let camera = self.export.size.map_or_else(|| camera.clone(), |size| camera.resized(size));
-        let file = self.export.next_picture();
+        let file = file.unwrap_or_else(|| self.export.next_picture());
         let summary = format!("{} written, {}x{}", file.display(), camera.size_px[0], camera.size_px[1]);
         let is_exr = file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"));
         let output = if is_exr && self.export.has_layers { Output::Layers(file) } else { Output::Files(vec![file]) };
@@ -124,13 +124,13 @@ impl Viewer {
     }
 
     /// Starts to write the picture as shown in the window, without panels: `size` pixels row by row.
-    pub fn write_screen(&mut self, size: [u32; 2], pixels: Vec<[u8; 4]>) {
-        let name = &self.export.picture;
-        if Path::new(name).extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
+    pub fn write_screen(&mut self, size: [u32; 2], pixels: Vec<[u8; 4]>, file: Option<PathBuf>) {
+        let name = file.as_ref().map_or_else(|| self.export.picture.clone(), |file| file.display().to_string());
+        if Path::new(&name).extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
             let what = "what the window shows in place of colours is written as .png";
             return self.messages.error(format!("{name}: {what}"));
         }
-        let file = self.export.next_picture();
+        let file = file.unwrap_or_else(|| self.export.next_picture());
         let summary = format!("{} written as shown, {}x{}", file.display(), size[0], size[1]);
         self.export.progress = Some(0.0);
         self.jobs.start(move |_| write_rgba8(&file, size, &pixels).map(|()| summary), JobEvent::Written);

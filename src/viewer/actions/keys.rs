@@ -46,7 +46,7 @@ impl Viewer {
             Action::Forward | Action::Back | Action::Left | Action::Right | Action::Up | Action::Down => {}
             Action::Fast | Action::Slow | Action::Flicker => {}
             Action::CopyPicture => self.requests.push(Request::CopyPicture),
-            Action::Screenshot => self.requests.push(Request::WritePicture),
+            Action::Screenshot => self.requests.push(Request::WritePicture(None)),
             Action::NextCamera => self.step_camera(true),
             Action::PreviousCamera => self.step_camera(false),
             Action::NearestCamera => self.go_to_nearest_camera(),

@@ -1,5 +1,6 @@
 //! Execution of the requests that need the device.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Result;
@@ -46,7 +47,7 @@ impl Session {
                 Request::Escape => self.viewer.escape_now(),
                 Request::BeginStroke => self.viewer.note_edits(),
                 Request::FitRange => self.viewer.fit_range(),
-                Request::WritePicture => self.write_picture()?,
+                Request::WritePicture(file) => self.write_picture(file)?,
                 Request::CopyPicture => {
                     if let Some(pixels) = self.shown_pixels()? {
                         self.viewer.messages.note("the picture is copied");
@@ -159,7 +160,7 @@ impl Session {
 
     /// Writes the picture: as `smalto render` does if the window shows plain colours, otherwise as the window shows it,
     /// without panels.
-    fn write_picture(&mut self) -> Result<()> {
+    fn write_picture(&mut self, file: Option<PathBuf>) -> Result<()> {
         if self.pair.first.is_none() {
             self.viewer.messages.note("there is nothing to write yet");
             return Ok(());
@@ -169,11 +170,11 @@ impl Session {
         let (compare, quantity) = (shown.compare, shown.quantity);
         let is_plain = compare == Compare::First && quantity == Quantity::Colour;
         if is_plain && self.viewer.inspector.settings.inspection() == Inspection::default() {
-            self.viewer.write_picture(&device, reusable(&self.pair));
+            self.viewer.write_picture(&device, reusable(&self.pair), file);
             return Ok(());
         }
         if let Some(pixels) = self.shown_pixels()? {
-            self.viewer.write_screen(self.viewer.view.size, pixels);
+            self.viewer.write_screen(self.viewer.view.size, pixels, file);
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! Requests of panels and keys that need the device or the window.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::contributions::Contributions;
@@ -39,7 +40,8 @@ pub enum Request {
     SelectColour([u32; 2], SelectionMode),
     /// Fit the scale of the view mode to the values of the picture.
     FitRange,
-    WritePicture,
+    /// Write the picture to this file, or to the next one that is free.
+    WritePicture(Option<PathBuf>),
     /// Copy the picture, as shown, to the clipboard.
     CopyPicture,
     WriteFilm,

@@ -89,7 +89,7 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
         ui.add(TextEdit::singleline(&mut export.picture).desired_width(150.0));
         let key = viewer.setup.bindings.text(Action::Screenshot);
         if ui.button("Write picture").on_hover_text(key).clicked() {
-            viewer.requests.push(Request::WritePicture);
+            viewer.requests.push(Request::WritePicture(None));
         }
         let key = viewer.setup.bindings.text(Action::CopyPicture);
         if ui.button("Copy it").on_hover_text(format!("To the clipboard, as it is seen ({key})")).clicked() {

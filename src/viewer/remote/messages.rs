@@ -393,6 +393,12 @@ impl ClientMessage {
     }
 }
 
+impl ServerMessage {
+    pub fn text(&self) -> String {
+        serde_json::to_string(self).expect("messages are plain data")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

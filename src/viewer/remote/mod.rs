@@ -3,11 +3,21 @@
 //! - `messages` - the messages of both sides, in JSON
 //! - `drive` - what messages do
 //! - `state` - what a client shows of a viewer
+//! - `news` - what a client was told of a viewer
+//! - `control` - messages of a program of the same machine
 
+#[cfg(unix)]
+mod control;
 mod drive;
 mod messages;
+mod news;
 mod state;
 
+#[cfg(unix)]
+pub use control::Control;
 pub use drive::drive;
 pub use messages::{ClientMessage, ServerMessage, State};
-pub use state::{is_of_render, state, welcome};
+pub use news::{News, Told};
+#[cfg(feature = "serve")]
+pub use state::is_of_render;
+pub use state::{state, welcome};

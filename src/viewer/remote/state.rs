@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use super::drive::{ACTS, HELD};
 use super::messages::{
     ActionEntry, CompareBy, ComparisonEntry, ExplanationEntry, KnobEntry, KnobKind, LookEntry, MeasureEntry,
-    MessageEntry, Rest, SceneEntry, SplatEntry, State, Welcome,
+    MessageEntry, Rest, SceneEntry, ServerMessage, SplatEntry, State, Welcome,
 };
 use crate::gpu::Device;
 use crate::options::{KNOBS, Kind, Options};
@@ -27,7 +27,7 @@ const COLOURS: usize = 32;
 static HAS_FILMS: LazyLock<bool> = LazyLock::new(has_ffmpeg);
 
 /// What does not change while a connection lasts.
-pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Welcome {
+pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> ServerMessage {
     let owned = |names: Vec<&str>| names.into_iter().map(str::to_owned).collect::<Vec<_>>();
     let knobs = KNOBS.iter().map(|knob| KnobEntry {
         name: knob.name.to_owned(),
@@ -57,7 +57,7 @@ pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Welcom
         let [red, green, blue] = false_colour(i as f64 / (COLOURS - 1) as f64);
         format!("#{red:02x}{green:02x}{blue:02x}")
     };
-    Welcome {
+    ServerMessage::Welcome(Box::new(Welcome {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         device: device.capabilities().name.clone(),
         has_folder,
@@ -67,7 +67,7 @@ pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Welcom
         looks: looks.collect(),
         actions: actions.collect(),
         colours: (0..COLOURS).map(colour).collect(),
-    }
+    }))
 }
 
 /// What a client shows beside the picture.
@@ -129,6 +129,7 @@ pub fn state(session: &mut Session) -> State {
 
 /// True if the picture at rest is the one that the copied command line writes: nothing is left out of that, no page is
 /// missing, and the picture has plain colours.
+#[cfg(feature = "serve")]
 pub fn is_of_render(session: &Session) -> bool {
     let viewer = &session.viewer;
     let settings = &viewer.inspector.settings;

@@ -27,6 +27,8 @@ use crate::gpu::{DeviceLost, Unavailable};
 use crate::host_memory::OutOfMemory;
 use crate::viewer::frame::{FrameOutput, Screen, Session, Shown};
 use crate::viewer::model::{Event, Jobs, Viewer, WindowRequest};
+#[cfg(unix)]
+use crate::viewer::remote::Control;
 
 /// Wakes the event loop: a job has sent an event.
 #[derive(Debug)]
@@ -39,7 +41,21 @@ struct Wake;
 pub fn run(setup: WindowSetup) -> Result<()> {
     let events = EventLoop::<Wake>::with_user_event().build().map_err(|e| no_window(&e))?;
     let proxy = events.create_proxy();
-    let mut app = App { setup, proxy, window: None, failure: None, started: Instant::now() };
+    #[cfg(unix)]
+    let control = {
+        let proxy = proxy.clone();
+        let wake = Arc::new(move || drop(proxy.send_event(Wake)));
+        setup.control.as_deref().map(|path| Control::listen(path, wake)).transpose()?
+    };
+    let mut app = App {
+        setup,
+        proxy,
+        window: None,
+        failure: None,
+        started: Instant::now(),
+        #[cfg(unix)]
+        control,
+    };
     events.run_app(&mut app).context("the event loop of the window failed")?;
     let validation = app.window.take().map_or_else(Vec::new, OpenWindow::close);
     match app.failure {
@@ -64,6 +80,8 @@ struct App {
     window: Option<OpenWindow>,
     failure: Option<anyhow::Error>,
     started: Instant,
+    #[cfg(unix)]
+    control: Option<Control>,
 }
 
 /// An open window.
@@ -79,6 +97,8 @@ struct OpenWindow {
     /// Devices lost in a row, with no frame shown between them.
     losses: u32,
     fault: Option<Fault>,
+    #[cfg(unix)]
+    control: Option<Control>,
     /// Validation messages of devices that were lost.
     validation: Vec<String>,
 }
@@ -123,6 +143,8 @@ impl App {
             title: String::new(),
             losses: 0,
             fault,
+            #[cfg(unix)]
+            control: self.control.take(),
             validation: Vec::new(),
         })
     }
@@ -161,6 +183,8 @@ impl ApplicationHandler<Wake> for App {
             // A hidden window draws no frames, so the events of jobs are handled here.
             if open.is_hidden {
                 open.session.poll_jobs();
+                open.hear_program();
+                open.tell_program(false);
             }
             open.window.request_redraw();
         }
@@ -263,6 +287,7 @@ impl OpenWindow {
                 return Ok(());
             }
             None => self.session.wait_for_slot().and_then(|()| {
+                self.hear_program();
                 let input = || self.input.take_egui_input(&self.window);
                 self.session.frame(input, size)
             }),
@@ -273,6 +298,7 @@ impl OpenWindow {
     /// Handles the output of a frame, and executes its requests to the window.
     fn finish(&mut self, output: FrameOutput, events: &ActiveEventLoop) -> Result<()> {
         let FrameOutput { platform, repaint_delay, requests, shown } = output;
+        let is_handled = platform.is_some();
         if let Some(platform) = platform {
             self.input.handle_platform_output(&self.window, platform);
         }
@@ -301,7 +327,26 @@ impl OpenWindow {
         } else if repaint_delay < Duration::from_secs(3600) {
             self.due = Some(Instant::now() + repaint_delay);
         }
+        self.tell_program(is_handled);
         Ok(())
+    }
+
+    /// Does what a program has said that controls the window.
+    fn hear_program(&mut self) {
+        #[cfg(unix)]
+        if let Some(control) = &mut self.control {
+            let events = control.hear(&mut self.session);
+            self.input.egui_input_mut().events.extend(events);
+        }
+    }
+
+    /// Tells the program what has changed.
+    #[cfg_attr(not(unix), expect(unused_variables))]
+    fn tell_program(&mut self, is_handled: bool) {
+        #[cfg(unix)]
+        if let Some(next) = self.control.as_mut().and_then(|control| control.tell_news(&mut self.session, is_handled)) {
+            self.due = Some(self.due.map_or(next, |due| due.min(next)));
+        }
     }
 
     fn execute(&mut self, request: WindowRequest, events: &ActiveEventLoop) -> Result<()> {

@@ -32,6 +32,8 @@ pub struct WindowSetup {
     pub shaders: Option<PathBuf>,
     /// Gives an opened device the pipeline cache of earlier runs.
     pub with_pipeline_cache: fn(Device) -> Device,
+    /// Path of a socket on which a program controls the window.
+    pub control: Option<PathBuf>,
     /// A fault to inject, for tests.
     pub fault: Option<Fault>,
 }
