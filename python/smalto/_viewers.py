@@ -136,6 +136,8 @@ class Window(_Viewer):
 
         docs/control.md has all messages and the state. Errors: ValueError with the reason if it cannot be done,
         smalto.Error if the window is closed."""
+        if not self.is_open:
+            raise Error("the window is closed")
         if do == "picture":
             fields["file"] = os.path.abspath(fields["file"])
         with self._lock:

@@ -155,7 +155,7 @@ pub(super) struct Args {
     ///
     /// docs/control.md describes the messages.
     #[cfg(unix)]
-    #[arg(long, help_heading = MEASURING, value_name = "PATH", conflicts_with = "offscreen")]
+    #[arg(long, help_heading = MEASURING, value_name = "PATH", conflicts_with_all = ["offscreen", "screen", "path"])]
     control: Option<PathBuf>,
     /// Open no window: draw this many frames, and print their times
     ///

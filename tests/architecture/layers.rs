@@ -91,7 +91,7 @@ const VIEWER_ROOMS: [(&str, &str); 7] = [
     ("panels", "jobs model actions"),
     ("frame", "model panels"),
     ("remote", "model actions frame"),
-    ("window", "model frame"),
+    ("window", "model frame remote"),
 ];
 
 /// Modules that may use every other.

@@ -419,6 +419,11 @@ function showStages() {
   const ms = (value) => `${value.toFixed(3)} ms`;
   if (state.gpu_ms !== null) rows.push(row(['frame', 'th'], [ms(state.gpu_ms), 'td', 'number']));
   for (const [name, value] of state.stages) rows.push(row([name, 'th'], [ms(value), 'td', 'number']));
+  if (state.clocks) {
+    const clocks = row(['clocks', 'th'], [`${state.clocks.shader_mhz} MHz, memory ${state.clocks.memory_mhz} MHz`, 'td', 'number']);
+    clocks.title = 'A GPU that has little to do lowers its clocks, and each frame then takes longer';
+    rows.push(clocks);
+  }
   if (state.path) rows.push(row(['path', 'th'], [state.path, 'td', 'number']));
   rows.push(row(['visible Gaussians', 'th'], [state.visible.toLocaleString('en'), 'td', 'number']));
   if (state.missing_pages) rows.push(row(['pages missing', 'th'], [String(state.missing_pages), 'td', 'number']));

@@ -7,6 +7,7 @@ use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
 use super::job_events;
 use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
+use crate::measure::bench::ClockProbe;
 use crate::render::{Compare, Inspection, Marker, Quantity};
 use crate::rules::Response;
 use crate::viewer::model::{
@@ -20,6 +21,9 @@ const SHADER_POLL: Duration = Duration::from_millis(250);
 /// The interval of polls for loaded pages.
 const PAGES_POLL: Duration = Duration::from_millis(4);
 
+/// The least time between readings of the device's clocks.
+const CLOCKS_POLL: Duration = Duration::from_millis(500);
+
 /// A viewer with the device that it draws on.
 pub struct Session {
     pub viewer: Viewer,
@@ -31,6 +35,8 @@ pub struct Session {
     /// Set once a frame with a scene was shown: true if it showed the whole scene.
     has_shown: Option<bool>,
     shaders_polled: Option<Instant>,
+    /// The reader of the device's clocks, and when it read them last.
+    clocks: Option<(ClockProbe, Instant)>,
     layout: UiLayout,
     /// Number of messages in the last layout.
     laid_out_messages: usize,
@@ -84,6 +90,7 @@ impl Session {
             laid_out_messages: 0,
             has_shown: None,
             shaders_polled: None,
+            clocks: None,
             layout: UiLayout { at: None, triangles: Vec::new(), pixels_per_point: 1.0, repaint_delay: Duration::MAX },
         }
     }
@@ -95,7 +102,7 @@ impl Session {
     /// Replaces a screen whose device was lost. The pictures are built again.
     pub fn replace_screen(&mut self, screen: Screen) {
         self.pair = Pair::default();
-        self.marker = None;
+        (self.marker, self.clocks) = (None, None);
         let editing = &mut self.viewer.editing;
         (editing.values, editing.contributions, editing.is_finding) = (None, None, false);
         self.viewer.requests.retain(|request| !matches!(request, Request::Select(_)));
@@ -326,7 +333,7 @@ impl Session {
                 drawn.renderer.render(&camera, background)?;
             }
         }
-        let times_stages = !self.viewer.panels.are_hidden || self.viewer.panels.are_elsewhere;
+        let times_stages = self.shows_times();
         self.screen.draw(&mut self.pair, &camera, background, times_stages)?;
         self.viewer.pictures.view = Some(camera);
         (self.viewer.inspector.snapshot, self.viewer.inspector.depths) = (None, None);
@@ -336,6 +343,23 @@ impl Session {
             self.viewer.timing.pace.answer(at.elapsed().as_secs_f64() * 1e3);
         }
         Ok(())
+    }
+
+    /// True if panels show the times of stages.
+    fn shows_times(&self) -> bool {
+        !self.viewer.panels.are_hidden || self.viewer.panels.are_elsewhere
+    }
+
+    /// Reads the clocks of the device after a frame. The first frame does not wait for the reader.
+    fn read_clocks(&mut self) {
+        if self.has_shown.is_none() || !self.shows_times() {
+            return;
+        }
+        let device = self.screen.device();
+        let (probe, read) = self.clocks.get_or_insert_with(|| (ClockProbe::new(device), Instant::now() - CLOCKS_POLL));
+        if read.elapsed() >= CLOCKS_POLL {
+            (self.viewer.timing.clocks, *read) = (probe.now(), Instant::now());
+        }
     }
 
     /// Sets the inspection of the pictures, and reports a change.
@@ -395,6 +419,9 @@ impl Session {
     pub fn retire_frames(&mut self, wait: bool) -> Result<bool> {
         let retired = self.screen.retire(&mut self.pair, wait)?;
         let has_news = !retired.is_empty();
+        if has_news {
+            self.read_clocks();
+        }
         for frame in retired {
             self.viewer.timing.frame_times.add(&frame.timings);
             self.keep_rate(&frame.timings);

@@ -5,11 +5,15 @@ use std::time::Instant;
 use super::frame_times::{FrameTimes, Pace};
 use super::rate::RateControl;
 use crate::gpu::Vsync;
+use crate::measure::bench::Clocks;
 
 /// Times of frames, and the settings that affect them.
 pub struct Timing {
     pub started: Instant,
     pub frame_times: FrameTimes,
+    /// The clocks of the device after one of the last frames, where they are known. A device that has little to do
+    /// lowers them, and frames then take longer.
+    pub clocks: Option<Clocks>,
     pub pace: Pace,
     /// Set if frames keep a rate.
     pub rate: Option<RateControl>,
@@ -28,6 +32,7 @@ impl Timing {
         Self {
             started: Instant::now(),
             frame_times: FrameTimes::default(),
+            clocks: None,
             pace: Pace::default(),
             rate: fps.map(RateControl::new),
             input_at: None,

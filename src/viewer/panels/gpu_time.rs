@@ -5,7 +5,7 @@ use indicatif::HumanCount;
 
 use super::theme::stage_colour;
 use crate::gpu::MemoryUse;
-use crate::measure::bench::Statistics;
+use crate::measure::bench::{Clocks, Statistics};
 use crate::render::SlabReport;
 use crate::viewer::model::{Digest, Pair, Viewer};
 
@@ -54,6 +54,10 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         milliseconds(whole, ui);
         ui.end_row();
     });
+    if let Some(Clocks { shader_mhz, memory_mhz }) = viewer.timing.clocks {
+        let hint = "A GPU that has little to do lowers its clocks, and each frame then takes longer";
+        ui.label(format!("clocks: {shader_mhz} MHz, memory {memory_mhz} MHz")).on_hover_text(hint);
+    }
     let pace = &viewer.timing.pace;
     let frames = if pace.drawn == 1 { "frame" } else { "frames" };
     let late =

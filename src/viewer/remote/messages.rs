@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::measure::bench::Clocks;
 use crate::viewer::model::{LengthUnit, MeasureKind, Measures};
 
 /// A message of a client to the server.
@@ -293,6 +294,8 @@ pub struct State {
     /// GPU time of a frame and of its stages: medians of the last frames, ms.
     pub gpu_ms: Option<f64>,
     pub stages: Vec<(String, f64)>,
+    /// The clocks of the GPU with these times, where they are known: it lowers them when it has little to do.
+    pub clocks: Option<Clocks>,
     /// A scene has levels of detail.
     pub has_levels: bool,
     /// PSNR of the levels of detail against all Gaussians, as text, once it is measured.

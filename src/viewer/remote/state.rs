@@ -118,6 +118,7 @@ pub fn state(session: &mut Session) -> State {
         visible: pair.first.as_ref().map_or(0, |first| first.frame.totals.visible),
         gpu_ms,
         stages,
+        clocks: viewer.timing.clocks,
         has_levels: viewer.scenes.have_levels(),
         levels,
         missing_pages: residency.map_or(0, |pages| pages.missing),
