@@ -5,17 +5,17 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context, Result};
-use tempfile::TempDir;
 
 use super::admission::new_token;
+use crate::files::PartialFolder;
 
 /// The written films, by the keys in their addresses.
 #[derive(Clone, Default)]
 pub struct Films(Arc<Mutex<HashMap<String, PathBuf>>>);
 
-/// A film of a client, in a folder that is removed with it.
+/// A film of a client, in a folder for temporary files that is removed with it, also when a signal ends the program.
 pub struct Film {
-    folder: TempDir,
+    folder: PartialFolder,
     /// Nobody can guess it, so that its address needs no token.
     key: String,
     films: Films,
@@ -35,7 +35,7 @@ impl Film {
     /// # Errors
     /// If there is no folder for temporary files.
     pub fn new(films: &Films) -> Result<Self> {
-        let folder = tempfile::tempdir().context("there is no folder for a film")?;
+        let folder = PartialFolder::inside(&std::env::temp_dir()).context("there is no folder for a film")?;
         Ok(Self { folder, key: new_token()?, films: films.clone(), is_written: false })
     }
 

@@ -44,7 +44,8 @@ const PAGE: [(&str, &str, &str); 3] = [
 
 /// The web page loads nothing from elsewhere, and no other site may show it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
-                      media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
+                      media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; \
+                      frame-ancestors 'self'";
 
 /// Sites of the same machine, which may show the web page of a local server: notebooks.
 const LOCAL_SITES: &str = " http://localhost:* http://127.0.0.1:*";

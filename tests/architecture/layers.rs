@@ -38,7 +38,7 @@ const EDGES: [(&str, &str); 24] = [
         "files host_memory threads gpu render reference scene procedural formats packing pagefile camera rules options \
          pixels measure::bench measure::metrics measure::trade",
     ),
-    ("serve", "threads gpu viewer pixels scene"),
+    ("serve", "threads files gpu viewer pixels scene"),
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.

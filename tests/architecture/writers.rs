@@ -19,10 +19,11 @@ const WORDS: [&str; 11] = [
 ];
 
 /// Files that may: a record that was begun in vain is removed, and so are the textures that a new `meta.json` no longer
-/// names; files of the system and shaders are read.
-const EXCEPTIONS: [(&str, &str); 5] = [
+/// names, and the socket of a window; files of the system and shaders are read.
+const EXCEPTIONS: [(&str, &str); 6] = [
     ("cli/render/resume.rs", "fs::remove_file("),
     ("formats/sog/folder.rs", "fs::remove_file("),
+    ("viewer/remote/control.rs", "fs::remove_file("),
     ("cli/interrupt.rs", "fs::read_to_string("),
     ("measure/bench/machine.rs", "fs::read_to_string("),
     ("gpu/glsl.rs", "fs::read_to_string("),
