@@ -123,7 +123,10 @@ class Window(_Viewer):
         self._lock, self._socket, self._rests = threading.Lock(), None, 0
         self._place = tempfile.TemporaryDirectory(prefix="smalto-")
         self._path = os.path.join(self._place.name, "control")
-        super().__init__("view", scene, arguments, "--events", "--control", self._path)
+        # The path of a local socket has some hundred bytes at most.
+        self._is_controlled = hasattr(socket, "AF_UNIX") and len(os.fsencode(self._path)) < 100
+        control = ("--control", self._path) if self._is_controlled else ()
+        super().__init__("view", scene, arguments, "--events", *control)
 
     def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Asks the window to do something, and returns its state once that is done and shown:
@@ -138,7 +141,9 @@ class Window(_Viewer):
         smalto.Error if the window is closed."""
         if not self.is_open:
             raise Error("the window is closed")
-        if do == "picture":
+        if not self._is_controlled:
+            raise Error("this system has no local sockets, or the path of its folder for temporary files is long")
+        if "file" in fields:
             fields["file"] = os.path.abspath(fields["file"])
         with self._lock:
             try:
@@ -148,18 +153,19 @@ class Window(_Viewer):
 
     def _ask(self, message):
         if self._socket is None:
-            connected = socket.socket(socket.AF_UNIX)
-            connected.connect(self._path)
-            self._socket = connected.makefile("rw", encoding="utf-8", newline="\n")
+            self._socket = socket.socket(socket.AF_UNIX)
+            self._socket.connect(self._path)
+            self._told = self._socket.makefile("r", encoding="utf-8", newline="\n")
         self._rests += 1
-        for line in (message, {"do": "rest", "number": self._rests}):
-            self._socket.write(json.dumps(line) + "\n")
-        self._socket.flush()
+        lines = (message, {"do": "rest", "number": self._rests})
+        self._socket.sendall("".join(json.dumps(line) + "\n" for line in lines).encode())
         refused = None
-        for line in self._socket:
+        for line in self._told:
             told = json.loads(line)
             if told["say"] == "refused":
                 refused = told["why"]
+                if told.get("number") == self._rests:
+                    raise ValueError(refused)
             elif told["say"] == "rests" and told["number"] == self._rests:
                 if refused is not None:
                     raise ValueError(refused)
@@ -170,6 +176,7 @@ class Window(_Viewer):
         """Closes the window."""
         super().close()
         if self._socket is not None:
+            self._told.close()
             self._socket.close()
         self._place.cleanup()
 
@@ -197,7 +204,8 @@ class Server(_Viewer):
 
     @property
     def url(self) -> str:
-        """The address of the page on this machine. If the server asks for a token, the address has it."""
+        """The address of the page that `smalto serve` printed, with the token if it asks for one. With "--host" it names this
+        machine THIS_MACHINE."""
         return self._url
 
     def _repr_html_(self) -> str:

@@ -151,9 +151,9 @@ pub(super) struct Args {
     /// Write events to standard output, one line of JSON each
     #[arg(long, help_heading = MEASURING)]
     events: bool,
-    /// Let a program control the window: lines of JSON on a local socket at this path
+    /// Local socket on which a program controls the window
     ///
-    /// docs/control.md describes the messages.
+    /// Messages are lines of JSON, described in docs/control.md.
     #[cfg(unix)]
     #[arg(long, help_heading = MEASURING, value_name = "PATH", conflicts_with_all = ["offscreen", "screen", "path"])]
     control: Option<PathBuf>,
@@ -236,6 +236,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         background: args.background,
         lenses: args.lens.choice(),
         photographs: args.photographs.clone(),
+        searches_photographs: true,
         options: options(args.preset.as_deref(), &args.knobs),
         antialiased_is_explicit: args.knobs.has("antialiased"),
         near_is_explicit: args.knobs.has("near"),

@@ -87,8 +87,15 @@ impl Client {
         let wake = events.clone();
         // The receiver is gone when the server ends.
         let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(id))));
-        // The first viewer waits for changes of files, for all.
-        let setup = Setup { scenes: Vec::new(), cameras: None, photographs: None, watches_files: false, ..setup };
+        // The first viewer waits for changes of files, for all. A browser sees no files outside its folder.
+        let setup = Setup {
+            scenes: Vec::new(),
+            cameras: None,
+            photographs: None,
+            searches_photographs: false,
+            watches_files: false,
+            ..setup
+        };
         let greeting = welcome(device, &setup.bindings, admission.folder.is_some());
         outbox.text(greeting.text());
         let (now, input, picture) = (Instant::now(), Vec::new(), None);
@@ -139,7 +146,7 @@ impl Client {
 
     /// Says why something is not done.
     pub fn refuse(&self, why: String) {
-        self.outbox.text(ServerMessage::Refused { why }.text());
+        self.outbox.text(ServerMessage::Refused { why, number: None }.text());
     }
 
     pub fn wake(&mut self) {
@@ -149,7 +156,7 @@ impl Client {
 
     /// Sends a state of the first viewer, unless it is that of the last time.
     pub fn send_state(&mut self, state: State) {
-        if let (Some(text), _) = self.news.of_state(state) {
+        if let (Some(text), _) = self.news.of_state(&state) {
             self.outbox.state(text);
         }
     }
@@ -157,6 +164,11 @@ impl Client {
     /// Does what a message asks for.
     pub fn say(&mut self, said: Said) {
         if let Some(early) = &mut self.early {
+            let is_long = matches!(&said.message, ClientMessage::Film { .. })
+                || matches!(&said.message, ClientMessage::Compare { with } if with == "reference");
+            if is_long {
+                return self.refuse("the scenes are being read: ask again when they are shown".to_owned());
+            }
             if early.len() < MAX_EARLY {
                 early.push(said);
             }

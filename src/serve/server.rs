@@ -74,6 +74,10 @@ const PING_TIME: Duration = Duration::from_secs(20);
 /// Time without any message, also answers to pings, after which a client is gone.
 const SILENCE: Duration = Duration::from_secs(60);
 
+/// Films that are fetched at the same time, and the time in which a request is answered.
+const MAX_DOWNLOADS: usize = 16;
+const HTTP_TIME: Duration = Duration::from_secs(600);
+
 /// Files of a folder that are listed.
 const MAX_FILES: usize = 2000;
 
@@ -89,6 +93,7 @@ struct Shared {
     admission: Admission,
     limits: Limits,
     films: Films,
+    downloads: Arc<Semaphore>,
     events: Sender<SessionEvent>,
     clients: AtomicUsize,
     last_id: AtomicU64,
@@ -103,8 +108,15 @@ pub fn serve(listener: TcpListener, device: &Device, setup: Setup, admission: Ad
     let films = Films::default();
     let mut sessions = Sessions::new(device, setup, admission.clone(), (sender.clone(), films.clone()))?;
     listener.set_nonblocking(true).context("cannot listen")?;
-    let shared =
-        Shared { admission, limits, films, events: sender, clients: AtomicUsize::new(0), last_id: AtomicU64::new(0) };
+    let shared = Shared {
+        admission,
+        limits,
+        films,
+        downloads: Arc::new(Semaphore::new(MAX_DOWNLOADS)),
+        events: sender,
+        clients: AtomicUsize::new(0),
+        last_id: AtomicU64::new(0),
+    };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_io().enable_time().build();
     let runtime = runtime.context("cannot start the server")?;
     let network = threads::spawn(move || runtime.block_on(accept(listener, Arc::new(shared))))?;
@@ -137,7 +149,8 @@ async fn accept(listener: TcpListener, shared: Arc<Shared>) -> Result<()> {
         tokio::spawn(async move {
             let mut http = hyper::server::conn::http1::Builder::new();
             http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIME).max_buf_size(16 << 10);
-            _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
+            // A socket goes on after its upgrade.
+            _ = timeout(HTTP_TIME, http.serve_connection(TokioIo::new(stream), service).with_upgrades()).await;
             drop(permit);
         });
     }
@@ -171,10 +184,16 @@ async fn check(State(shared): State<Arc<Shared>>, request: Request<Body>, next: 
 
 /// The file of a film, or a part of it.
 async fn film(State(shared): State<Arc<Shared>>, UrlPath(key): UrlPath<String>, request: Request<Body>) -> Response {
-    match shared.films.file(&key) {
-        Some(file) => ServeFile::new(file).oneshot(request).await.into_response(),
-        None => (StatusCode::NOT_FOUND, "there is no such film any more").into_response(),
-    }
+    let Some(file) = shared.films.file(&key) else {
+        return (StatusCode::NOT_FOUND, "there is no such film any more").into_response();
+    };
+    let Ok(place) = shared.downloads.clone().try_acquire_owned() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many films are fetched at once").into_response();
+    };
+    let (head, body) = ServeFile::new(file).oneshot(request).await.into_response().into_parts();
+    // The place is free again when the film was sent.
+    let parts = body.into_data_stream().inspect(move |_| _ = &place);
+    Response::from_parts(head, Body::from_stream(parts))
 }
 
 async fn upgrade(
@@ -321,14 +340,14 @@ async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), 
                     _ = shared.events.send(SessionEvent::Said { id, said: Said { at, message, file } });
                     None
                 }
-                Err(why) => Some(ServerMessage::Refused { why: format!("{why:#}") }),
+                Err(why) => Some(ServerMessage::Refused { why: format!("{why:#}"), number: None }),
             },
             Err(why) => {
                 nonsense += 1;
                 if nonsense > MAX_NONSENSE {
                     outbox.end("the client sends messages that are none".to_owned());
                 }
-                Some(ServerMessage::Refused { why })
+                Some(ServerMessage::Refused { why, number: None })
             }
         };
         if let Some(answer) = answer {
@@ -374,7 +393,7 @@ fn listed(admission: &Admission, folder: String) -> ServerMessage {
     };
     match list() {
         Ok((folders, files)) => ServerMessage::Files { folder, folders, files },
-        Err(problem) => ServerMessage::Refused { why: format!("{problem:#}") },
+        Err(problem) => ServerMessage::Refused { why: format!("{problem:#}"), number: None },
     }
 }
 

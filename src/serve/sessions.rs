@@ -25,6 +25,9 @@ const FIRST_SIZE: [u32; 2] = [64, 64];
 /// Interval of frames of the first viewer while it reads scenes.
 const READING: Duration = Duration::from_millis(20);
 
+/// Interval at which the jobs of clients that have left are looked at.
+const LEAVING: Duration = Duration::from_millis(200);
+
 /// All viewers of a server.
 pub struct Sessions {
     device: Device,
@@ -83,7 +86,9 @@ impl Sessions {
     /// These two.
     pub fn run(&mut self, events: &Receiver<SessionEvent>) -> Result<()> {
         loop {
-            let event = match self.clients.iter().filter_map(Client::due).chain(self.reads_at).min() {
+            self.leaving.retain(Client::has_jobs);
+            let leaves = (!self.leaving.is_empty()).then(|| Instant::now() + LEAVING);
+            let event = match self.clients.iter().filter_map(Client::due).chain(self.reads_at).chain(leaves).min() {
                 None => events.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 Some(due) => events.recv_deadline(due),
             };
@@ -167,7 +172,6 @@ impl Sessions {
                     client.leave();
                     client
                 }));
-                self.leaving.retain(Client::has_jobs);
             }
             SessionEvent::Compressed { id, pixels, bytes } => {
                 if let Some(client) = self.client(id) {
@@ -186,8 +190,7 @@ impl Sessions {
 
     /// The reason why a message has to wait: references and films of several clients would take turns on the same
     /// threads, also those of clients that have left.
-    fn busy(&mut self, message: &ClientMessage) -> Option<&'static str> {
-        self.leaving.retain(Client::has_jobs);
+    fn busy(&self, message: &ClientMessage) -> Option<&'static str> {
         let (is_busy, why): (fn(&Client) -> bool, _) = match message {
             ClientMessage::Compare { with } if with == "reference" => {
                 (Client::is_comparing, "a float64 reference is being drawn: ask again when it is done")

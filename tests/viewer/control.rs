@@ -132,8 +132,22 @@ fn a_program_sets_views_and_options_and_gets_pictures() {
         ] {
             assert!(program.ask(&message).unwrap_err().contains(why), "{message}");
         }
-        let state = program.ask(&json!({ "do": "picture", "file": folder.path().join("no/such/folder.png") })).unwrap();
-        assert!(state["messages"].to_string().contains("no/such"), "{}", state["messages"]);
+        let nowhere = folder.path().join("no/such/folder.png");
+        let why = program.ask(&json!({ "do": "picture", "file": nowhere })).unwrap_err();
+        assert!(why.contains("no/such"), "{why}");
+        assert!(program.ask(&json!({ "do": "open", "file": nowhere })).unwrap_err().contains("there is no "));
+        // Pictures of a program that waits for none of them, and that closes its side at the end.
+        let files = ["first.png", "coarse.png", "again.png"].map(|name| folder.path().join(name));
+        for (preset, file) in ["balanced", "preview", "balanced"].iter().zip(&files) {
+            program.say(&json!({ "do": "preset", "name": preset }));
+            program.say(&json!({ "do": "picture", "file": file }));
+        }
+        program.say(&json!({ "do": "rest", "number": 1000 }));
+        program.stream.shutdown(std::net::Shutdown::Write).unwrap();
+        while program.told(&["rests"])["number"] != 1000 {}
+        let [one, two, three] = files.map(|file| image::open(file).unwrap().into_rgb8());
+        assert!(one == first && two != first && three == first);
+        assert!(program.told(&["none"]).is_null(), "the connection ends");
     });
     assert!(!socket.exists(), "the socket goes with the viewer");
 }

@@ -107,10 +107,14 @@ function hear(message) {
       if (saved.preset) say({ do: 'preset', name: saved.preset });
       for (const [knob, value] of Object.entries(saved.knobs)) say({ do: 'set', knob, value });
       if (saved.look) say({ do: 'look', name: saved.look, range: null });
-      restore();
+      isRestored = null;
+      break;
+    case 'rests':
+      isRestored = true;
       break;
     case 'state':
       state = message;
+      if (isRestored === null && state.rest) restore();
       showState();
       break;
     case 'cameras':
@@ -121,6 +125,7 @@ function hear(message) {
       path = message.keys;
       keep('path', path);
       showPath();
+      if (state) showTime();
       break;
     case 'film':
       at('video').src = at('film-file').href = message.file;
@@ -485,19 +490,28 @@ function showExplanation() {
 // ---- Measures and the camera path. The server has them; the page keeps them for the next connection of this tab.
 
 let path = [];
+// Null before what was kept is sent to the server, false until it is there.
+let isRestored = null;
 
 function keep(name, value) {
-  sessionStorage.setItem(name, JSON.stringify(value));
+  if (isRestored) sessionStorage.setItem(name, JSON.stringify(value));
 }
 
+// What was kept is of these scenes, and not of others that a server at the same address shows later.
 function restore() {
   const kept = (name) => JSON.parse(sessionStorage.getItem(name));
-  const [measures, keys] = [kept('measures'), kept('path')];
+  const scenes = state.scenes.map(({ name }) => name);
+  const isSame = JSON.stringify(kept('scenes')) === JSON.stringify(scenes);
+  const [measures, keys] = isSame ? [kept('measures'), kept('path')] : [];
+  isRestored = false;
   path = [];
   showPath();
   at('film-ready').hidden = true;
-  if (measures && measures.all.length) say({ do: 'measures', measures });
-  if (keys && keys.length) say({ do: 'path', keys });
+  if (measures) say({ do: 'measures', measures });
+  if (keys) say({ do: 'path', keys });
+  if (!isSame) ['measures', 'path'].forEach((name) => sessionStorage.removeItem(name));
+  sessionStorage.setItem('scenes', JSON.stringify(scenes));
+  say({ do: 'rest', number: 0 });
 }
 
 const ownMeasures = () => {
@@ -608,6 +622,8 @@ function showTime() {
   at('play').textContent = state.is_playing ? 'Stop' : 'Play';
   const isWriting = state.writing !== null;
   at('writing').hidden = at('stop-film').hidden = !isWriting;
+  // The server removes the film before.
+  if (isWriting) at('film-ready').hidden = true;
   if (isWriting) at('writing').value = state.writing;
   at('film').disabled = !welcome.has_films || isWriting || path.length < 2;
 }

@@ -127,8 +127,9 @@ impl Viewer {
     pub fn write_screen(&mut self, size: [u32; 2], pixels: Vec<[u8; 4]>, file: Option<PathBuf>) {
         let name = file.as_ref().map_or_else(|| self.export.picture.clone(), |file| file.display().to_string());
         if Path::new(&name).extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
-            let what = "what the window shows in place of colours is written as .png";
-            return self.messages.error(format!("{name}: {what}"));
+            let text = format!("{name}: what the window shows in place of colours is written as .png");
+            self.export.failure = Some(text.clone());
+            return self.messages.error(text);
         }
         let file = file.unwrap_or_else(|| self.export.next_picture());
         let summary = format!("{} written as shown, {}x{}", file.display(), size[0], size[1]);

@@ -107,6 +107,9 @@ impl Viewer {
         }
         // The photographs may have been opened before the cameras.
         let Some(file) = self.cameras.file.clone().filter(|_| !self.cameras.have_photographs()) else { return };
+        if !self.setup.searches_photographs {
+            return;
+        }
         let cameras = self.cameras.list.clone();
         let find = move |_: &Reporter| {
             let found = Photographs::beside(&file).filter(|found| found.count_of(&cameras) > 0);

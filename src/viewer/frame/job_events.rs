@@ -109,7 +109,11 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                     viewer.messages.note(summary);
                 }
                 Err(problem) if problem.is::<Cancelled>() => viewer.messages.note(format!("{problem:#}")),
-                Err(problem) => viewer.messages.error(format!("{problem:#}")),
+                Err(problem) => {
+                    let text = format!("{problem:#}");
+                    viewer.export.failure = Some(text.clone());
+                    viewer.messages.error(text);
+                }
             }
         }
     }
@@ -136,7 +140,7 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
                     if is_new {
                         viewer.inspector.clear_explanation();
                     }
-                    pair.first = Some(*drawn);
+                    (pair.first, pair.lent) = (Some(*drawn), None);
                 }
                 Side::Second => pair.second = Some(Second::Drawn(drawn)),
             }
@@ -177,7 +181,7 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
             let is_loading = viewer.scenes.are_loading();
             if current.is_some() && !(side == Side::First && is_loading) {
                 match side {
-                    Side::First => pair.first = None,
+                    Side::First => (pair.first, pair.lent) = (None, None),
                     Side::Second => pair.second = None,
                 }
                 viewer.pictures.are_stale = true;
@@ -189,7 +193,7 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
         if is_current || is_refused || viewer.pictures.are_building[i] {
             continue;
         }
-        let lent = pair.lent.take_if(|lent| lent.has_scene_of(&planned));
+        let lent = pair.lent.as_ref().filter(|lent| lent.has_scene_of(&planned)).cloned();
         let reusable = lent.or_else(|| current.or(pair.first.as_ref()).map(Drawn::reusable));
         viewer.pictures.are_building[i] = true;
         viewer.pictures.refused[i] = None;

@@ -162,7 +162,9 @@ impl Session {
     /// without panels.
     fn write_picture(&mut self, file: Option<PathBuf>) -> Result<()> {
         if self.pair.first.is_none() {
-            self.viewer.messages.note("there is nothing to write yet");
+            let text = "there is nothing to write yet";
+            self.viewer.export.failure = Some(text.to_owned());
+            self.viewer.messages.note(text);
             return Ok(());
         }
         let device = self.screen.device().clone();

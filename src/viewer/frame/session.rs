@@ -143,9 +143,11 @@ impl Session {
     pub fn is_at_rest(&self) -> bool {
         let viewer = &self.viewer;
         let is_read = !viewer.scenes.are_loading() && !viewer.cameras.are_loading;
+        let [is_first_refused, is_second_refused] = viewer.pictures.refused.each_ref().map(Option::is_some);
         let is_compared = viewer.comparison.target == CompareTarget::Nothing || self.pair.second.is_some();
         let draws_nothing = viewer.shown_plan(Side::First).is_ok_and(|plan| plan.is_none());
-        let is_built = draws_nothing || self.pair.first.is_some() && is_compared;
+        let is_built =
+            draws_nothing || is_first_refused || self.pair.first.is_some() && (is_compared || is_second_refused);
         viewer.requests.is_empty()
             && is_read
             && is_built
@@ -157,7 +159,7 @@ impl Session {
             && self.has_full_scale()
             && !self.is_to_be_measured()
             && !viewer.has_running_edits()
-            && !viewer.view.navigator.is_gliding()
+            && !(viewer.view.navigator.is_gliding() || viewer.view.is_flying || viewer.film.is_playing)
             && !viewer.pictures.are_stale
     }
 
@@ -345,7 +347,7 @@ impl Session {
         Ok(())
     }
 
-    /// True if panels show the times of stages.
+    /// True if the times of stages are shown, in panels or elsewhere.
     fn shows_times(&self) -> bool {
         !self.viewer.panels.are_hidden || self.viewer.panels.are_elsewhere
     }

@@ -16,6 +16,8 @@ pub struct Export {
     pub film: String,
     /// The fraction written, 0 to 1; `None` while nothing is written.
     pub progress: Option<f64>,
+    /// The reason why the last picture or film was not written.
+    pub failure: Option<String>,
     /// Cancels the job that writes.
     pub cancel: Cancel,
     /// Files assigned to pictures, which may not exist yet.
@@ -59,6 +61,7 @@ impl Default for Export {
             has_layers: false,
             film: "film".to_owned(),
             progress: None,
+            failure: None,
             cancel: Cancel::default(),
             assigned: BTreeSet::new(),
         }

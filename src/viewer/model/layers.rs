@@ -151,6 +151,8 @@ impl Layer {
     pub fn shared(&self, number: u64) -> Self {
         let mut layer = self.clone();
         (layer.number, layer.cancel) = (number, Cancel::default());
+        // The other viewer may be reading it again.
+        layer.progress.take_if(|_| self.is_loaded);
         layer
     }
 

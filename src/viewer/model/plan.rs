@@ -319,6 +319,7 @@ impl Source {
 }
 
 /// The parts of a picture that the build of another picture may reuse.
+#[derive(Clone)]
 pub struct Reusable {
     plan: Plan,
     source: Source,

@@ -32,6 +32,8 @@ pub struct Setup {
     pub lenses: LensChoice,
     /// Folder with the photographs of the cameras.
     pub photographs: Option<PathBuf>,
+    /// Photographs are searched beside a camera file, also above its folder.
+    pub searches_photographs: bool,
     pub options: Options,
     /// The user set antialiasing explicitly, so the scene's flag is ignored.
     pub antialiased_is_explicit: bool,
@@ -69,6 +71,7 @@ impl Default for Setup {
             background: Background::BLACK,
             lenses: LensChoice::default(),
             photographs: None,
+            searches_photographs: true,
             options: Options::default(),
             antialiased_is_explicit: false,
             near_is_explicit: false,

@@ -2,14 +2,16 @@
 
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::Shutdown;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::time::Instant;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use egui::Event;
 
 use super::drive::drive;
@@ -27,29 +29,40 @@ const LINE: u64 = 1 << 20;
 const LINES_OUT: usize = 1024;
 const LINES_IN: usize = 64;
 
+/// Time after a connection that could not be accepted.
+const PAUSE: Duration = Duration::from_millis(100);
+
 /// A socket on which one program at a time controls a viewer.
 pub struct Control {
     path: PathBuf,
     heard: Receiver<Heard>,
     program: Option<Program>,
-    /// A message that waits until the picture is at rest.
-    held: Option<ClientMessage>,
+    /// A file for a picture, once that is at rest.
+    held: Option<PathBuf>,
+    /// A picture is being written.
+    is_writing: bool,
     /// Something was changed since the last frame.
     has_input: bool,
+    /// More lines may wait.
+    has_more: bool,
 }
 
 /// What the thread of the socket hears.
 enum Heard {
     /// A program has connected; it takes these lines.
-    Came(SyncSender<String>),
+    Came(UnixStream, SyncSender<String>),
     Said(String),
-    Left,
+    /// The program says nothing more.
+    Finished,
 }
 
 /// A connected program.
 struct Program {
+    stream: UnixStream,
     lines: SyncSender<String>,
     news: News,
+    /// It says nothing more, and waits for answers.
+    has_finished: bool,
 }
 
 impl Control {
@@ -76,69 +89,100 @@ impl Control {
                 wake();
                 is_told
             };
-            for stream in listener.incoming().flatten() {
-                let served = serve(stream, &tell);
-                if served.is_err() || !tell(Heard::Left) {
+            for stream in listener.incoming() {
+                let Ok(stream) = stream else {
+                    // The process has too many files open, perhaps for long.
+                    thread::sleep(PAUSE);
+                    continue;
+                };
+                if serve(stream, &tell).is_err() {
                     return;
                 }
             }
         })?;
-        Ok(Self { path: path.to_owned(), heard, program: None, held: None, has_input: false })
+        let path = path.to_owned();
+        Ok(Self { path, heard, program: None, held: None, is_writing: false, has_input: false, has_more: false })
     }
 
     /// Does what the program has said. Returns the events for the next frame.
     pub fn hear(&mut self, session: &mut Session) -> Vec<Event> {
+        self.hear_while(session, true)
+    }
+
+    /// Refuses what the program has said to a window without pixels.
+    pub fn refuse(&mut self, session: &mut Session) {
+        self.hear_while(session, false);
+    }
+
+    fn hear_while(&mut self, session: &mut Session, is_visible: bool) -> Vec<Event> {
         let mut events = Vec::new();
-        loop {
-            if let Some(message) = self.held.take() {
-                // A picture is that of all messages before it, and one after another.
-                if self.has_input || !session.is_settled() {
-                    self.held = Some(message);
-                    break;
-                }
-                self.answer(session, message, &mut events);
+        // A program that says much does not keep the window from drawing.
+        for _ in 0..LINES_IN {
+            // A picture is that of all messages before it, and of none after it.
+            let is_requested = session.viewer.requests.iter().any(|it| matches!(it, Request::WritePicture(_)));
+            if is_requested || self.held.is_some() && (self.has_input || !session.is_settled()) {
+                break;
             }
-            match self.heard.try_recv() {
-                Ok(Heard::Came(lines)) => {
-                    let mut program = Program { lines, news: News::default() };
-                    let bindings = &session.viewer.setup.bindings;
-                    program.tell(welcome(session.screen.device(), bindings, true).text());
+            if let Some(file) = self.held.take() {
+                session.viewer.export.failure = None;
+                session.viewer.requests.push(Request::WritePicture(Some(file)));
+                (self.is_writing, self.has_input) = (true, true);
+                break;
+            }
+            let line = match self.heard.try_recv() {
+                Ok(Heard::Came(stream, lines)) => {
+                    let mut program = Program { stream, lines, news: News::default(), has_finished: false };
+                    program.tell(welcome(session.screen.device(), &session.viewer.setup.bindings, false).text());
                     self.program = Some(program);
+                    continue;
                 }
-                Ok(Heard::Left) => self.program = None,
-                Ok(Heard::Said(line)) => match ClientMessage::parse(&line) {
-                    Ok(message @ ClientMessage::Picture { .. }) => self.held = Some(message),
-                    Ok(message) => self.answer(session, message, &mut events),
-                    Err(why) => self.tell(ServerMessage::Refused { why }.text()),
-                },
-                Err(_) => break,
+                Ok(Heard::Finished) => {
+                    self.program.iter_mut().for_each(|program| program.has_finished = true);
+                    continue;
+                }
+                Ok(Heard::Said(line)) => line,
+                Err(_) => {
+                    self.has_more = false;
+                    return events;
+                }
+            };
+            let message = ClientMessage::parse(&line);
+            let number = match &message {
+                Ok(ClientMessage::Rest { number }) => Some(*number),
+                _ => None,
+            };
+            let done = match message {
+                Ok(ClientMessage::Ping { time }) => {
+                    self.tell(ServerMessage::Pong { time }.text());
+                    Ok(())
+                }
+                Ok(_) if !is_visible => Err("the window has no pixels now: it is minimized".to_owned()),
+                Ok(message) => self.take(session, message).map(|taken| events.extend(taken)),
+                Err(why) => Err(why),
+            };
+            if let Err(why) = done {
+                self.tell(ServerMessage::Refused { why, number }.text());
             }
         }
-        self.has_input |= !events.is_empty();
+        self.has_more = true;
         events
     }
 
-    fn answer(&mut self, session: &mut Session, message: ClientMessage, events: &mut Vec<Event>) {
+    /// Does what a message asks for. Returns the events for the next frame.
+    fn take(&mut self, session: &mut Session, message: ClientMessage) -> Result<Vec<Event>, String> {
         self.has_input = true;
-        let done = match message {
-            ClientMessage::Ping { time } => {
-                self.tell(ServerMessage::Pong { time }.text());
-                Ok(())
+        match message {
+            ClientMessage::Rest { number } => {
+                self.program.as_mut().map_or(Ok(()), |program| program.news.await_rest(number))?;
             }
-            ClientMessage::Rest { number } => self.program.as_mut().map_or(Ok(()), |it| it.news.await_rest(number)),
-            ClientMessage::Open { file } => {
-                session.viewer.drop_file(Path::new(&file));
-                Ok(())
-            }
-            ClientMessage::Picture { file } => {
-                session.viewer.requests.push(Request::WritePicture(Some(file)));
-                Ok(())
-            }
-            message => drive(session, message).map(|driven| events.extend(driven)),
-        };
-        if let Err(why) = done {
-            self.tell(ServerMessage::Refused { why }.text());
+            ClientMessage::Open { file } if !Path::new(&file).exists() => return Err(format!("there is no {file}")),
+            ClientMessage::Open { file } => session.viewer.drop_file(Path::new(&file)),
+            ClientMessage::Picture { file } => self.held = Some(file),
+            // The user may be writing a film.
+            ClientMessage::StopFilm => return Err("this message is not for a window".to_owned()),
+            message => return drive(session, message),
         }
+        Ok(Vec::new())
     }
 
     fn tell(&mut self, line: String) {
@@ -151,9 +195,26 @@ impl Control {
     /// another frame is needed.
     pub fn tell_news(&mut self, session: &mut Session, is_handled: bool) -> Option<Instant> {
         self.has_input &= !is_handled;
-        let Told { texts, state, next } = self.program.as_mut()?.news.of(session, self.has_input);
-        texts.into_iter().chain(state).for_each(|line| self.tell(line));
-        if self.held.is_some() && session.is_settled() { Some(Instant::now()) } else { next }
+        let is_settled = !self.has_input && session.is_settled();
+        if self.is_writing && is_settled {
+            self.is_writing = false;
+            if let Some(why) = session.viewer.export.failure.take() {
+                self.tell(ServerMessage::Refused { why, number: None }.text());
+            }
+        }
+        let mut next = None;
+        if let Some(program) = &mut self.program {
+            // A request for rest after a picture waits for the file.
+            let has_input = self.has_input || self.held.is_some();
+            let Told { texts, state, next: later } = program.news.of(session, has_input);
+            next = later;
+            texts.into_iter().chain(state).for_each(|line| self.tell(line));
+        }
+        let waits = |program: &mut Program| program.news.awaits_rest() || self.held.is_some() || self.is_writing;
+        if self.program.as_mut().is_some_and(|program| program.has_finished && !waits(program)) {
+            self.program = None;
+        }
+        if self.has_more || self.held.is_some() && is_settled { Some(Instant::now()) } else { next }
     }
 }
 
@@ -163,43 +224,49 @@ impl Drop for Control {
     }
 }
 
-impl Program {
-    /// False if the program is gone, or reads nothing.
-    fn tell(&mut self, line: String) -> bool {
-        !matches!(self.lines.try_send(line), Err(TrySendError::Disconnected(_) | TrySendError::Full(_)))
+impl Drop for Program {
+    /// Ends the connection once all that was told is written, or at once for a program that reads nothing.
+    fn drop(&mut self) {
+        let way = if self.has_finished { Shutdown::Read } else { Shutdown::Both };
+        _ = self.stream.shutdown(way);
     }
 }
 
-/// Passes the lines of a program on until it leaves.
+impl Program {
+    /// False if the program is gone, or reads nothing.
+    fn tell(&mut self, line: String) -> bool {
+        self.lines.try_send(line).is_ok()
+    }
+}
+
+/// Passes the lines of a program on, until it says nothing more and is told nothing more.
 ///
 /// # Errors
 /// The control is dropped.
 fn serve(stream: UnixStream, tell: &dyn Fn(Heard) -> bool) -> Result<()> {
     let (lines, waiting) = sync_channel::<String>(LINES_OUT);
-    let Ok(mut out) = stream.try_clone() else { return Ok(()) };
+    let (Ok(mut out), Ok(own)) = (stream.try_clone(), stream.try_clone()) else { return Ok(()) };
     let writer = threads::spawn(move || {
         for line in waiting {
             if out.write_all(line.as_bytes()).and_then(|()| out.write_all(b"\n")).is_err() {
                 break;
             }
         }
-        // A program that is given up is told so.
-        _ = out.shutdown(std::net::Shutdown::Both);
+        _ = out.shutdown(Shutdown::Both);
     })?;
-    if !tell(Heard::Came(lines)) {
-        bail!("the control is dropped");
-    }
+    ensure!(tell(Heard::Came(own, lines)), "the control is dropped");
     let mut reader = BufReader::new(stream);
     loop {
         let mut line = Vec::new();
         let read = reader.by_ref().take(LINE).read_until(b'\n', &mut line);
-        if !matches!(read, Ok(1..)) || line.pop() != Some(b'\n') {
+        let is_whole = line.last() == Some(&b'\n');
+        if !matches!(read, Ok(1..)) || !is_whole && line.len() as u64 == LINE {
             break;
         }
-        if !tell(Heard::Said(String::from_utf8_lossy(&line).into_owned())) {
-            bail!("the control is dropped");
-        }
+        ensure!(tell(Heard::Said(String::from_utf8_lossy(&line).into_owned())), "the control is dropped");
     }
-    drop(writer);
+    ensure!(tell(Heard::Finished), "the control is dropped");
+    // The next program connects when this one has all answers.
+    _ = writer.join();
     Ok(())
 }

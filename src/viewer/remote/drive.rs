@@ -48,9 +48,12 @@ const MAX_REQUESTS: usize = 64;
 const MAX_EVENTS: usize = 256;
 
 /// Most keys of a camera path, most measures, and their most points.
-pub const MAX_KEYS: usize = 100;
+const MAX_KEYS: usize = 100;
 const MAX_MEASURES: usize = 100;
 const MAX_POINTS: usize = 1000;
+
+/// Most characters of the name of a unit.
+const MAX_NAME: usize = 16;
 
 /// Does what a message asks of a viewer. Returns the events for the next frame.
 ///
@@ -114,15 +117,16 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         }
         ClientMessage::Explain { pixel } => viewer.requests.push(Request::Pick(inside(viewer, pixel)?)),
         ClientMessage::Focus { pixel } => viewer.requests.push(Request::Focus(inside(viewer, pixel)?)),
-        ClientMessage::Mark { .. } if is_full(&viewer.measures) => {
-            return Err(format!("{MAX_MEASURES} measures and {MAX_POINTS} points are most"));
-        }
+        ClientMessage::Mark { .. } if !has_room(viewer) => return Err(too_much()),
         ClientMessage::Mark { pixel } => viewer.requests.push(Request::Mark(inside(viewer, pixel)?)),
         ClientMessage::Measure { kind } => (viewer.ruler.kind, viewer.ruler.open) = (kind, None),
         ClientMessage::Measures { measures } => {
             measures.check().map_err(|problem| format!("these are no measures: {problem:#}"))?;
-            if is_full(&measures) {
-                return Err(format!("{MAX_MEASURES} measures and {MAX_POINTS} points are most"));
+            if measures.all.len() > MAX_MEASURES || points(&measures) > MAX_POINTS {
+                return Err(too_much());
+            }
+            if measures.unit.as_ref().is_some_and(|unit| unit.name.chars().count() > MAX_NAME) {
+                return Err(format!("the name of a unit has {MAX_NAME} characters at most"));
             }
             (viewer.measures, viewer.ruler.open) = (measures, None);
         }
@@ -164,10 +168,19 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
     Ok(Vec::new())
 }
 
-/// True if no point can be added.
-fn is_full(measures: &Measures) -> bool {
-    let points: usize = measures.all.iter().map(|measure| measure.points.len()).sum();
-    measures.all.len() >= MAX_MEASURES || points >= MAX_POINTS
+fn points(measures: &Measures) -> usize {
+    measures.all.iter().map(|measure| measure.points.len()).sum()
+}
+
+/// True if a point can be added, besides those that are requested.
+fn has_room(viewer: &Viewer) -> bool {
+    let requested = viewer.requests.iter().filter(|request| matches!(request, Request::Mark(_))).count();
+    let measures = &viewer.measures;
+    measures.all.len() + requested < MAX_MEASURES && points(measures) + requested < MAX_POINTS
+}
+
+fn too_much() -> String {
+    format!("there are {MAX_MEASURES} measures and {MAX_POINTS} points at most")
 }
 
 fn named(name: &str, among: &[Action]) -> Result<Action, String> {

@@ -198,6 +198,9 @@ pub enum ServerMessage {
     /// Something that was asked for is not done.
     Refused {
         why: String,
+        /// The number of a request for rest that is refused.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        number: Option<u32>,
     },
     Pong {
         time: f64,

@@ -45,9 +45,14 @@ impl News {
         Ok(())
     }
 
+    /// True if a request for rest is not answered yet.
+    pub fn awaits_rest(&self) -> bool {
+        !self.rests.is_empty()
+    }
+
     /// The state as text, if it is to be told now; or when it can be told.
-    pub fn of_state(&mut self, state: State) -> (Option<String>, Option<Instant>) {
-        let text = ServerMessage::State(Box::new(state)).text();
+    pub fn of_state(&mut self, state: &State) -> (Option<String>, Option<Instant>) {
+        let text = ServerMessage::State(Box::new(state.clone())).text();
         let now = Instant::now();
         match &self.state {
             Some((last, _)) if *last == text => (None, None),
@@ -62,7 +67,7 @@ impl News {
     /// What has changed in a viewer. `has_input` is true while something waits for the next frame.
     pub fn of(&mut self, session: &mut Session, has_input: bool) -> Told {
         let now_shown = state(session);
-        let (state, next) = self.of_state(now_shown.clone());
+        let (state, next) = self.of_state(&now_shown);
         let mut texts = Vec::new();
         let viewer = &session.viewer;
         let cameras = &viewer.cameras.list;
@@ -75,7 +80,7 @@ impl News {
             self.path.clone_from(&viewer.film.timeline);
             texts.push(ServerMessage::Path { keys: self.path.to_value() }.text());
         }
-        if !has_input && session.is_settled() {
+        if !self.rests.is_empty() && !has_input && session.is_settled() {
             let state = Box::new(now_shown);
             let rests = self.rests.drain(..);
             texts.extend(rests.map(|number| ServerMessage::Rests { number, state: state.clone() }.text()));

@@ -183,8 +183,7 @@ impl ApplicationHandler<Wake> for App {
             // A hidden window draws no frames, so the events of jobs are handled here.
             if open.is_hidden {
                 open.session.poll_jobs();
-                open.hear_program();
-                open.tell_program(false);
+                open.refuse_program();
             }
             open.window.request_redraw();
         }
@@ -337,6 +336,14 @@ impl OpenWindow {
         if let Some(control) = &mut self.control {
             let events = control.hear(&mut self.session);
             self.input.egui_input_mut().events.extend(events);
+        }
+    }
+
+    /// Refuses what a program has said, since the window has no pixels.
+    fn refuse_program(&mut self) {
+        #[cfg(unix)]
+        if let Some(control) = &mut self.control {
+            control.refuse(&mut self.session);
         }
     }
 
