@@ -113,9 +113,10 @@ fn a_program_sets_views_and_options_and_gets_pictures() {
         assert!(draw(&mut program).0 == first);
         // A drag turns the view, and a view that was told is found again.
         let [x, y] = SIZE.map(|side| side / 2);
-        let button = |is_pressed: bool, x: u32| json!({ "kind": "button", "x": x, "y": y, "button": "left", "is_pressed": is_pressed });
-        let drag = json!([{ "kind": "move", "x": x, "y": y }, button(true, x), { "kind": "move", "x": x + 30, "y": y },
-            button(false, x + 30)]);
+        let press = json!({ "kind": "button", "x": x, "y": y, "button": "left", "is_pressed": true });
+        let release = json!({ "kind": "button", "x": x + 30, "y": y, "button": "left", "is_pressed": false });
+        let to = |x: u32| json!({ "kind": "move", "x": x, "y": y });
+        let drag = json!([to(x), press, to(x + 30), release]);
         let turned = program.ask(&json!({ "do": "input", "events": drag })).unwrap();
         assert_ne!(turned["rest"]["view"], state["rest"]["view"]);
         assert!(draw(&mut program).0 != first);

@@ -159,7 +159,7 @@ impl Session {
             && self.has_full_scale()
             && !self.is_to_be_measured()
             && !viewer.has_running_edits()
-            && !(viewer.view.navigator.is_gliding() || viewer.view.is_flying || viewer.film.is_playing)
+            && !viewer.view.navigator.is_gliding()
             && !viewer.pictures.are_stale
     }
 

@@ -72,7 +72,7 @@ pub fn welcome(device: &Device, bindings: &Bindings, has_folder: bool) -> Server
 
 /// What a client shows beside the picture.
 pub fn state(session: &mut Session) -> State {
-    let is_at_rest = session.is_at_rest();
+    let is_at_rest = session.is_at_rest() && !session.viewer.is_moving();
     let (title, residency) = (session.title(), session.residency());
     let levels = session.level_psnr();
     session.viewer.timing.frame_times.summarize();
