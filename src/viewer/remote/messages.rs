@@ -158,7 +158,8 @@ pub struct Held {
     pub alt: bool,
 }
 
-/// A message of the server to a client. Pictures are binary messages: see `docs/serve.md`.
+/// A message of the server to a client. Pictures are binary messages: see `docs/control.md`.
+#[cfg_attr(not(feature = "serve"), expect(dead_code, reason = "some are of servers only"))]
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 #[serde(tag = "say", rename_all = "kebab-case")]
 pub enum ServerMessage {

@@ -15,9 +15,10 @@ mod state;
 
 #[cfg(unix)]
 pub use control::Control;
-pub use drive::drive;
-pub use messages::{ClientMessage, ServerMessage, State};
-pub use news::{News, Told};
 #[cfg(feature = "serve")]
-pub use state::is_of_render;
-pub use state::{state, welcome};
+pub use {
+    drive::drive,
+    messages::{ClientMessage, ServerMessage, State},
+    news::{News, Told},
+    state::{is_of_render, state, welcome},
+};

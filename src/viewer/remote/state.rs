@@ -10,7 +10,9 @@ use super::messages::{
 use crate::gpu::Device;
 use crate::options::{KNOBS, Kind, Options};
 use crate::pixels::has_ffmpeg;
-use crate::render::{Inspection, Quantity, false_colour};
+use crate::render::false_colour;
+#[cfg(feature = "serve")]
+use crate::render::{Inspection, Quantity};
 use crate::viewer::actions::Program;
 use crate::viewer::frame::Session;
 use crate::viewer::model::{
