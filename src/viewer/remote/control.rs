@@ -29,6 +29,9 @@ const LINE: u64 = 1 << 20;
 const LINES_OUT: usize = 1024;
 const LINES_IN: usize = 64;
 
+/// Time in which a program takes a line, or else is given up.
+const SEND_TIME: Duration = Duration::from_secs(20);
+
 /// Time after a connection that could not be accepted.
 const PAUSE: Duration = Duration::from_millis(100);
 
@@ -43,8 +46,9 @@ pub struct Control {
     is_writing: bool,
     /// Something was changed since the last frame.
     has_input: bool,
-    /// More lines may wait.
+    /// More lines may wait; or they wait until the picture is at rest.
     has_more: bool,
+    waits: bool,
 }
 
 /// What the thread of the socket hears.
@@ -101,7 +105,16 @@ impl Control {
             }
         })?;
         let path = path.to_owned();
-        Ok(Self { path, heard, program: None, held: None, is_writing: false, has_input: false, has_more: false })
+        Ok(Self {
+            path,
+            heard,
+            program: None,
+            held: None,
+            is_writing: false,
+            has_input: false,
+            has_more: false,
+            waits: false,
+        })
     }
 
     /// Does what the program has said. Returns the events for the next frame.
@@ -116,18 +129,20 @@ impl Control {
 
     fn hear_while(&mut self, session: &mut Session, is_visible: bool) -> Vec<Event> {
         let mut events = Vec::new();
+        (self.has_more, self.waits) = (false, false);
         // A program that says much does not keep the window from drawing.
         for _ in 0..LINES_IN {
             // A picture is that of all messages before it, and of none after it.
             let is_requested = session.viewer.requests.iter().any(|it| matches!(it, Request::WritePicture(_)));
             if is_requested || self.held.is_some() && (self.has_input || !session.is_settled()) {
-                break;
+                self.waits = true;
+                return events;
             }
             if let Some(file) = self.held.take() {
                 session.viewer.export.failure = None;
                 session.viewer.requests.push(Request::WritePicture(Some(file)));
-                (self.is_writing, self.has_input) = (true, true);
-                break;
+                (self.is_writing, self.has_input, self.waits) = (true, true, true);
+                return events;
             }
             let line = match self.heard.try_recv() {
                 Ok(Heard::Came(stream, lines)) => {
@@ -141,10 +156,7 @@ impl Control {
                     continue;
                 }
                 Ok(Heard::Said(line)) => line,
-                Err(_) => {
-                    self.has_more = false;
-                    return events;
-                }
+                Err(_) => return events,
             };
             let message = ClientMessage::parse(&line);
             let number = match &message {
@@ -214,7 +226,7 @@ impl Control {
         if self.program.as_mut().is_some_and(|program| program.has_finished && !waits(program)) {
             self.program = None;
         }
-        if self.has_more || self.held.is_some() && is_settled { Some(Instant::now()) } else { next }
+        if self.has_more || self.waits && is_settled { Some(Instant::now()) } else { next }
     }
 }
 
@@ -246,6 +258,8 @@ impl Program {
 fn serve(stream: UnixStream, tell: &dyn Fn(Heard) -> bool) -> Result<()> {
     let (lines, waiting) = sync_channel::<String>(LINES_OUT);
     let (Ok(mut out), Ok(own)) = (stream.try_clone(), stream.try_clone()) else { return Ok(()) };
+    // Refused only for a time of zero.
+    _ = stream.set_write_timeout(Some(SEND_TIME));
     let writer = threads::spawn(move || {
         for line in waiting {
             if out.write_all(line.as_bytes()).and_then(|()| out.write_all(b"\n")).is_err() {
