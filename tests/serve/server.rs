@@ -38,6 +38,8 @@ impl Server {
         command.env("SMALTO_VALIDATION", "1").env("XDG_CACHE_HOME", env!("CARGO_TARGET_TMPDIR"));
         if let Some(folder) = programs {
             command.env("PATH", format!("{}:{}", folder.display(), std::env::var("PATH").unwrap()));
+            // The end of a test kills the server, which then leaves its films.
+            command.env("TMPDIR", folder);
         }
         let mut child = command.stdout(Stdio::piped()).spawn().expect("the program starts");
         let mut line = String::new();
