@@ -46,8 +46,13 @@ fn a_pipe_without_an_end_is_refused_at_its_first_bytes() {
 #[test]
 fn a_scene_from_a_pipe_leaves_nothing_in_the_folder_of_temporary_files() {
     let folder = tempfile::tempdir().unwrap();
-    let mut command = Command::new(BIN);
-    command.args(["info", "-"]).stdin(Stdio::piped()).stderr(Stdio::null()).env("TMPDIR", folder.path());
+    // Under nohup, HUP is ignored.
+    let mut command = Command::new("env");
+    command
+        .args(["--default-signal=TERM,HUP", BIN, "info", "-"])
+        .stdin(Stdio::piped())
+        .stderr(Stdio::null())
+        .env("TMPDIR", folder.path());
     for name in ["TERM", "HUP", "KILL"] {
         let mut child = command.spawn().unwrap();
         let mut stdin = child.stdin.take().unwrap();
