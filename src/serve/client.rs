@@ -146,7 +146,7 @@ impl Client {
 
     /// Says why something is not done.
     pub fn refuse(&self, why: String) {
-        self.outbox.text(ServerMessage::Refused { why, number: None }.text());
+        self.outbox.text(ServerMessage::refused(why).text());
     }
 
     pub fn wake(&mut self) {
@@ -164,11 +164,6 @@ impl Client {
     /// Does what a message asks for.
     pub fn say(&mut self, said: Said) {
         if let Some(early) = &mut self.early {
-            let is_long = matches!(&said.message, ClientMessage::Film { .. })
-                || matches!(&said.message, ClientMessage::Compare { with } if with == "reference");
-            if is_long {
-                return self.refuse("the scenes are being read: ask again when they are shown".to_owned());
-            }
             if early.len() < MAX_EARLY {
                 early.push(said);
             }
@@ -224,9 +219,6 @@ impl Client {
 
     /// Starts to write the camera path as a video.
     fn write_film(&mut self, fps: f64) -> Result<(), String> {
-        if self.is_filming() {
-            return Err("a film is being written already".to_owned());
-        }
         if !(1.0..=240.0).contains(&fps) {
             return Err("a film has 1 to 240 frames a second".to_owned());
         }

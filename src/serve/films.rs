@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result};
 
@@ -23,9 +23,13 @@ pub struct Film {
 }
 
 impl Films {
+    fn all(&self) -> MutexGuard<'_, HashMap<String, PathBuf>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The file of a film.
     pub fn file(&self, key: &str) -> Option<PathBuf> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(key).cloned()
+        self.all().get(key).cloned()
     }
 }
 
@@ -47,13 +51,13 @@ impl Film {
     pub fn publish(&mut self) -> Option<String> {
         self.is_written = true;
         let file = Some(self.file()).filter(|file| file.is_file())?;
-        self.films.0.lock().unwrap_or_else(PoisonError::into_inner).insert(self.key.clone(), file);
+        self.films.all().insert(self.key.clone(), file);
         Some(format!("/film/{}", self.key))
     }
 }
 
 impl Drop for Film {
     fn drop(&mut self) {
-        self.films.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.key);
+        self.films.all().remove(&self.key);
     }
 }

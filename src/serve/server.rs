@@ -340,14 +340,14 @@ async fn read(mut stream: SplitStream<WebSocket>, (id, outbox): (u64, &Outbox), 
                     _ = shared.events.send(SessionEvent::Said { id, said: Said { at, message, file } });
                     None
                 }
-                Err(why) => Some(ServerMessage::Refused { why: format!("{why:#}"), number: None }),
+                Err(why) => Some(ServerMessage::refused(format!("{why:#}"))),
             },
             Err(why) => {
                 nonsense += 1;
                 if nonsense > MAX_NONSENSE {
                     outbox.end("the client sends messages that are none".to_owned());
                 }
-                Some(ServerMessage::Refused { why, number: None })
+                Some(ServerMessage::refused(why))
             }
         };
         if let Some(answer) = answer {
@@ -393,7 +393,7 @@ fn listed(admission: &Admission, folder: String) -> ServerMessage {
     };
     match list() {
         Ok((folders, files)) => ServerMessage::Files { folder, folders, files },
-        Err(problem) => ServerMessage::Refused { why: format!("{problem:#}"), number: None },
+        Err(problem) => ServerMessage::refused(format!("{problem:#}")),
     }
 }
 

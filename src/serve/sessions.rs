@@ -198,6 +198,9 @@ impl Sessions {
             ClientMessage::Film { .. } => (Client::is_filming, "a film is being written: ask again when it is done"),
             _ => return None,
         };
+        if !self.is_read {
+            return Some("the scenes are being read: ask again when they are shown");
+        }
         (!self.leaving.is_empty() || self.clients.iter().any(is_busy)).then_some(why)
     }
 

@@ -275,7 +275,6 @@ function build() {
   photographs.id = 'photographs';
   at('with').replaceChildren(option('nothing'), ...welcome.presets.map((name) => option(name)),
     option('reference', 'float64 reference'), photographs);
-  at('film').disabled = !welcome.has_films;
   at('no-films').hidden = welcome.has_films;
   at('look').replaceChildren(...welcome.looks.map(({ name, title }) => option(name, title)));
   const stops = welcome.colours.map((colour, i) => `${colour} ${(100 * i) / (welcome.colours.length - 1)}%`);
@@ -622,9 +621,11 @@ function showTime() {
   at('play').textContent = state.is_playing ? 'Stop' : 'Play';
   const isWriting = state.writing !== null;
   at('writing').hidden = at('stop-film').hidden = !isWriting;
-  // The server removes the film before.
-  if (isWriting) at('film-ready').hidden = true;
-  if (isWriting) at('writing').value = state.writing;
+  if (isWriting) {
+    at('writing').value = state.writing;
+    // The server removes the film before.
+    at('film-ready').hidden = true;
+  }
   at('film').disabled = !welcome.has_films || isWriting || path.length < 2;
 }
 

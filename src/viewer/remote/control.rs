@@ -1,7 +1,7 @@
 //! The control of a window by a program of the same machine: messages as lines of JSON on a local socket.
 
 use std::fs::{self, Permissions};
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::Shutdown;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -11,13 +11,14 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, anyhow, ensure};
 use egui::Event;
 
 use super::drive::drive;
 use super::messages::{ClientMessage, ServerMessage};
 use super::news::{News, Told};
 use super::state::welcome;
+use crate::files::describe;
 use crate::threads;
 use crate::viewer::frame::Session;
 use crate::viewer::model::Request;
@@ -77,14 +78,15 @@ impl Control {
     /// The path is taken by something else than a socket without a listener, or no socket can be there.
     pub fn listen(path: &Path, wake: Arc<dyn Fn() + Send + Sync>) -> Result<Self> {
         let named = || format!("cannot listen on {}", path.display());
+        let failed = |problem: io::Error| anyhow!("{}: {}", named(), describe(&problem));
         if let Ok(there) = path.symlink_metadata() {
             let refuses = || UnixStream::connect(path).is_err_and(|why| why.kind() == ErrorKind::ConnectionRefused);
             ensure!(there.file_type().is_socket() && refuses(), "{}: there is such a file already", named());
             // The process that listened here has ended.
-            fs::remove_file(path).with_context(named)?;
+            fs::remove_file(path).map_err(failed)?;
         }
-        let listener = UnixListener::bind(path).with_context(named)?;
-        fs::set_permissions(path, Permissions::from_mode(0o600)).with_context(named)?;
+        let listener = UnixListener::bind(path).map_err(failed)?;
+        fs::set_permissions(path, Permissions::from_mode(0o600)).map_err(failed)?;
         let (said, heard) = sync_channel(LINES_IN);
         // The thread ends when the control is dropped, or with the process.
         threads::spawn(move || {
@@ -211,7 +213,7 @@ impl Control {
         if self.is_writing && is_settled {
             self.is_writing = false;
             if let Some(why) = session.viewer.export.failure.take() {
-                self.tell(ServerMessage::Refused { why, number: None }.text());
+                self.tell(ServerMessage::refused(why).text());
             }
         }
         let mut next = None;

@@ -401,6 +401,11 @@ impl ClientMessage {
 }
 
 impl ServerMessage {
+    /// Something that was asked for is not done, for this reason.
+    pub fn refused(why: String) -> Self {
+        Self::Refused { why, number: None }
+    }
+
     pub fn text(&self) -> String {
         serde_json::to_string(self).expect("messages are plain data")
     }
