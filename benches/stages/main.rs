@@ -23,7 +23,7 @@ use smalto::options::Options;
 use smalto::pixels::Integers;
 use smalto::render::shaders::PortableDispatches;
 use smalto::render::shaders::portable::*;
-use smalto::render::{Packer, Pairs, RadixSort, SortRange, SortScratch, Splat, Totals};
+use smalto::render::{Band, Packer, Pairs, RadixSort, SortRange, SortScratch, Splat, Totals, Unpacker};
 
 /// A stage with its input, ready to run again and again.
 struct Bench<'a> {
@@ -65,6 +65,7 @@ fn main() -> Result<()> {
     for integers in [Integers::Rgb8, Integers::Rgb16, Integers::Grey8] {
         run(&mut criterion, &device, pack(&device, integers, [1920, 1080 / scale])?, &mut rows)?;
     }
+    run(&mut criterion, &device, unpack(&device, [1920, 1080 / scale])?, &mut rows)?;
     for bench in arrays::benches(&device, (1 << 20) / scale as usize)? {
         run(&mut criterion, &device, bench, &mut rows)?;
     }
@@ -129,6 +130,19 @@ fn pack(device: &Device, integers: Integers, size: [u32; 2]) -> Result<Bench<'_>
     let bytes = u64::from(size[0]) * u64::from(size[1]) * 16 + integers.bytes(size);
     let pack = move |cmd: &mut Commands| cmd.scope("pack", |cmd| _ = packer.record(cmd, &image));
     Ok(Bench { stage: "pack", input: format!("{}x{} {integers:?}", size[0], size[1]), bytes, record: Box::new(pack) })
+}
+
+/// The way back of half a picture, with the copy from host memory.
+fn unpack(device: &Device, size: [u32; 2]) -> Result<Bench<'_>> {
+    let image = Image::new(device, "image", size[0], size[1])?;
+    let bands = [(Band { top: size[1] / 2, rows: size[1] / 2 }, 0)];
+    let half = bands[0].0.size(size);
+    let packed = Staging::new(device, "bands", Integers::Rgb8.words(half))?;
+    let mut unpacker = Unpacker::new(device)?;
+    unpacker.fit(device, packed.len())?;
+    let bytes = u64::from(half[0]) * u64::from(half[1]) * 16 + 3 * Integers::Rgb8.bytes(half);
+    let unpack = move |cmd: &mut Commands| cmd.scope("unpack", |cmd| unpacker.record(cmd, &packed, &bands, &image));
+    Ok(Bench { stage: "unpack", input: format!("{}x{}", half[0], half[1]), bytes, record: Box::new(unpack) })
 }
 
 /// Hashes an index (SplitMix64).

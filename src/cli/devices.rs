@@ -1,7 +1,5 @@
 //! The choice of one or several devices.
 
-use std::collections::BTreeSet;
-
 use anyhow::Result;
 use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
@@ -10,7 +8,9 @@ use super::environment::Environment;
 use super::headings::DEVICE;
 use super::pipeline_cache::with_pipeline_cache;
 use super::{remark, say, values};
-use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, survey};
+use crate::gpu::{
+    Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, different_kinds, names_of, survey,
+};
 use crate::threads::{self, joined};
 
 /// The note on `--share frame` with one device.
@@ -50,7 +50,8 @@ pub(super) struct DevicesArgs {
     ///
     /// Several devices are separated by commas. all: every GPU, or every software device where there is no GPU. By
     /// default, one of the fastest kind. `render` shares the pictures among them, or with --share frame each
-    /// picture; `bench` measures the first, then all together.
+    /// picture; `bench` measures the first, then all together. `view` and `serve` show pictures on the first, which
+    /// the others help to draw where that is faster.
     #[arg(long, value_name = "DEVICES", value_parser = NonEmptyStringValueParser::new())]
     device: Option<String>,
     #[command(flatten)]
@@ -67,19 +68,6 @@ impl DeviceArgs {
     pub fn open_anew(&self) -> Result<Device> {
         let environment = Environment::read()?;
         open(&self.choice_in(&environment), &environment, self.memory)
-    }
-
-    /// The device and whether it is validated, from these arguments and the environment.
-    #[cfg(feature = "viewer")]
-    pub fn choice(&self) -> Result<(DeviceChoice, Validation)> {
-        let environment = Environment::read()?;
-        Ok((self.choice_in(&environment), validation(&environment)))
-    }
-
-    /// The limit of device memory in bytes, if one is set.
-    #[cfg(feature = "viewer")]
-    pub fn memory_limit(&self) -> Option<u64> {
-        self.memory.memory
     }
 
     fn choice_in(&self, environment: &Environment) -> DeviceChoice {
@@ -114,22 +102,44 @@ impl DevicesArgs {
     /// Opens the devices, at most the first `most`. Says so if they are of different kinds.
     pub fn open(&self, most: usize) -> Result<Vec<Device>> {
         let environment = Environment::read()?;
-        let mut choices = match self.device.as_deref() {
+        let mut choices = self.choices(&environment)?;
+        choices.truncate(most);
+        let devices = open_together(&choices, &environment, self.memory)?;
+        different_kinds(&devices).iter().for_each(|note| remark(note));
+        Ok(devices)
+    }
+
+    /// The first device and whether it is validated, from these arguments and the environment; and the others, opened.
+    #[cfg(feature = "viewer")]
+    pub fn first_and_others(&self) -> Result<(DeviceChoice, Validation, Vec<Device>)> {
+        let environment = Environment::read()?;
+        let mut choices = self.choices(&environment)?;
+        let first = choices.remove(0);
+        let others = open_together(&choices, &environment, self.memory)?;
+        Ok((first, validation(&environment), others))
+    }
+
+    /// The limit of memory on each device in bytes, if one is set.
+    #[cfg(feature = "viewer")]
+    pub fn memory_limit(&self) -> Option<u64> {
+        self.memory.memory
+    }
+
+    /// One choice at least.
+    fn choices(&self, environment: &Environment) -> Result<Vec<DeviceChoice>> {
+        Ok(match self.device.as_deref() {
             None => vec![environment.device.clone()],
             Some("all") => all(&survey()?),
             Some(named) if named.contains(',') => several(named, &survey()?),
             Some(named) => vec![DeviceChoice::from(named)],
-        };
-        choices.truncate(most);
-        let devices = open_together(&choices, &environment, self.memory)?;
-        let kinds = names_of(&devices);
-        if devices.iter().any(|device| device.capabilities().name != kinds) {
-            remark(&format!(
-                "note: the devices are of different kinds ({kinds}): their pictures may differ by rounding"
-            ));
-        }
-        Ok(devices)
+        })
     }
+}
+
+/// The device that shows pictures, and those that help to draw them.
+#[cfg(feature = "viewer")]
+pub(super) fn first_and_others(mut devices: Vec<Device>) -> (Device, Vec<Device>) {
+    (devices.remove(0), devices)
 }
 
 /// Opens devices at the same time: a driver takes a tenth of a second for each.
@@ -180,10 +190,4 @@ pub(super) fn say_memory(device: &Device) -> Result<()> {
     };
     let used = driver_used.map_or_else(String::new, |used| format!("; the driver counts {} in use", megabytes(used)));
     say!("device memory: up to {} was used; {limit}{used}", megabytes(peak))
-}
-
-/// The names of the devices, each once.
-pub(super) fn names_of(devices: &[Device]) -> String {
-    let names: BTreeSet<&str> = devices.iter().map(|device| device.capabilities().name.as_str()).collect();
-    Vec::from_iter(names).join(", ")
 }

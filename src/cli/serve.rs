@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 
-use super::devices::DeviceArgs;
+use super::devices::{DevicesArgs, first_and_others};
 use super::headings::{ACCURACY, CAMERAS};
 use super::knobs::Knobs;
 use super::scenes::ReadingArgs;
@@ -82,7 +82,7 @@ pub(super) struct Args {
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: DevicesArgs,
 }
 
 const SERVER: &str = "Server";
@@ -120,13 +120,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let address = listener.local_addr().context("cannot listen")?;
     let is_local = address.ip().is_loopback();
     let token = (args.token || !is_local).then(serve::new_token).transpose()?;
-    let device = args.device.open()?;
+    let (device, other_devices) = first_and_others(args.device.open(usize::MAX)?);
+    let setup = Setup { other_devices: other_devices.clone(), ..setup };
     let admission = Admission { is_local, token, folder: args.folder.clone() };
     for line in addresses(address, admission.token.as_deref()) {
         say!("{line}")?;
     }
     serve::serve(listener, &device, setup, admission, Limits { clients: args.clients as usize })?;
-    complain(&device)
+    other_devices.iter().chain([&device]).try_for_each(complain)
 }
 
 /// What a user needs to connect: the address of the web page, and how to reach it from elsewhere.

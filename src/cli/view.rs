@@ -8,7 +8,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
 use super::cameras::{EyeArgs, LensArgs, along_path, parse_angle, parse_point};
-use super::devices::DeviceArgs;
+use super::devices::{DevicesArgs, first_and_others};
 use super::environment::Environment;
 use super::headings::{ACCURACY, CAMERAS, MEASURING};
 use super::knobs::Knobs;
@@ -147,7 +147,7 @@ pub(super) struct Args {
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
-    device: DeviceArgs,
+    device: DevicesArgs,
     /// Write events to standard output, one line of JSON each
     #[arg(long, help_heading = MEASURING)]
     events: bool,
@@ -250,12 +250,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
         fps: args.target_fps,
         watches_files: args.follow,
         prints_events: args.events,
+        other_devices: Vec::new(),
         remark,
     };
     if let Some(frames) = args.offscreen {
         return offscreen(args, setup, frames);
     }
-    let (device, validation) = args.device.choice()?;
+    let (device, validation, other_devices) = args.device.first_and_others()?;
+    let setup = Setup { other_devices, ..setup };
     let environment = Environment::read()?;
     let fault =
         environment.fault.map(|text| text.parse().map_err(|problem| Usage(format!("SMALTO_FAULT: {problem:#}"))));
@@ -338,7 +340,8 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
         (Some(_), None) => return Err(Usage("--path needs a scene".to_owned()).into()),
         (None, _) => Vec::new(),
     };
-    let device = args.device.open()?;
+    let (device, other_devices) = first_and_others(args.device.open(usize::MAX)?);
+    let setup = Setup { other_devices: other_devices.clone(), ..setup };
     let Summary { interval_ms, late, path, gpu, pages, first_frame_ms, layout_ms, latency_ms, screen } =
         viewer::run_offscreen(setup, &device, size, frames, path)?;
     if let Some(file) = &args.screen {
@@ -374,5 +377,5 @@ fn offscreen(args: &Args, setup: Setup, frames: u32) -> Result<()> {
         }
         None => remark("note: nothing was drawn"),
     }
-    complain(&device)
+    other_devices.iter().chain([&device]).try_for_each(complain)
 }

@@ -1,5 +1,6 @@
 //! An opened device: everything that lives as long as the device.
 
+use std::collections::BTreeSet;
 use std::ffi::CString;
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
@@ -394,4 +395,18 @@ impl Drop for Shared {
             self.raw.destroy_device(None);
         }
     }
+}
+
+/// The names of devices, each once.
+pub fn names_of(devices: &[Device]) -> String {
+    let names: BTreeSet<&str> = devices.iter().map(|device| device.capabilities().name.as_str()).collect();
+    Vec::from_iter(names).join(", ")
+}
+
+/// A note if devices are of different kinds.
+pub fn different_kinds(devices: &[Device]) -> Option<String> {
+    let kinds = names_of(devices);
+    let are_different = devices.iter().any(|device| device.capabilities().name != kinds);
+    are_different
+        .then(|| format!("note: the devices are of different kinds ({kinds}): their pictures may differ by rounding"))
 }

@@ -118,6 +118,24 @@ impl Commands {
         Ok(())
     }
 
+    /// Copies the first `rows` rows of an image of floats to the top of another one of the same width.
+    ///
+    /// # Panics
+    /// If the widths differ, or an image has fewer rows.
+    pub fn copy_top(&mut self, from: &Image, to: &Image, rows: u32) {
+        let ([width, height], [to_width, to_height]) = (from.size(), to.size());
+        assert!(width == to_width && rows <= height && rows <= to_height, "both images have the rows");
+        self.reads(from.resource(), "copy of rows", Access::COPY_READ);
+        self.writes(to.resource(), "copy of rows", Access::COPY_WRITE);
+        self.keep(from.resource());
+        self.keep(to.resource());
+        let (layer, extent) = (LAYER, vk::Extent3D { width, height: rows, depth: 1 });
+        let region = vk::ImageCopy::default().src_subresource(layer).dst_subresource(layer).extent(extent);
+        let (from, to, layout) = (from.texture.raw, to.texture.raw, vk::ImageLayout::GENERAL);
+        // SAFETY: clauses 2 and 4; both images are in GENERAL, have the same format, and hold the region.
+        unsafe { self.device.0.raw.cmd_copy_image(self.raw(), from, layout, to, layout, &[region]) };
+    }
+
     /// Copies pixels of 8 bits per channel, one word each and row by row, into an image for a screen.
     ///
     /// # Panics

@@ -73,7 +73,7 @@ pub use capabilities::{Capabilities, DeviceKind, Feature, Limits};
 #[doc(hidden)]
 pub use commands::Commands;
 pub use commands::Timestamps;
-pub use device::Device;
+pub use device::{Device, different_kinds, names_of};
 #[doc(hidden)]
 pub use dispatch_size::{DispatchSize, FOLD};
 #[doc(hidden)]

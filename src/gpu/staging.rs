@@ -63,6 +63,11 @@ impl<T: Element> Staging<T> {
         self.len == 0
     }
 
+    /// True if no commands that copy from or to this memory are being recorded or are on the GPU.
+    pub fn is_idle(&self) -> bool {
+        Arc::strong_count(&self.storage) == 1
+    }
+
     pub(super) fn storage(&self) -> &Arc<Storage> {
         &self.storage
     }

@@ -103,7 +103,7 @@ pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, uplo
 pub use lod::{LodReport, SampledPsnr};
 #[doc(hidden)]
 pub use marks::{Aim, Figure, Marker, Outline, SelectionMode, from_segment};
-pub use pack::Packer;
+pub use pack::{Packer, Unpacker};
 #[doc(hidden)]
 pub use patches::Patches;
 pub use path::Path;
@@ -125,5 +125,5 @@ pub use shaders::Splat;
 pub use shaders::Totals;
 pub use slabs::SlabReport;
 #[doc(hidden)]
-pub use split::{Balance, DrawnBand, LostDevice, SplitFrame, SplitRenderer};
+pub use split::{Balance, DeviceBand, DrawnBand, LostDevice, OtherDevices, PAYS_FROM_MS, SplitFrame, SplitRenderer};
 pub use streaming::Residency;

@@ -1,9 +1,11 @@
-//! The conversion of a picture to the integers of a file on the GPU: fewer bytes to copy, and no work for the host.
+//! The conversion of a picture to the integers of a file on the GPU, and back: fewer bytes to copy, and no work for the
+//! host.
 
 use anyhow::Result;
 
-use super::shaders::shared::{Pack, PackBindings, PackConstants, PackPush};
-use crate::gpu::{Buffer, Commands, Device, DispatchSize, Image, Stage};
+use super::band::Band;
+use super::shaders::shared::{Pack, PackBindings, PackConstants, PackPush, Unpack, UnpackBindings, UnpackPush};
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Image, Stage, Staging};
 use crate::pixels::Integers;
 
 /// The stage for one kind of integers, and its buffer.
@@ -43,5 +45,40 @@ impl Packer {
         let bindings = PackBindings { image, packed: &self.packed };
         cmd.dispatch(&self.stage, bindings, PackPush { size_px }, DispatchSize::Invocations(pixels.div_ceil(group)));
         &self.packed
+    }
+}
+
+/// The stage that brings colours of 8 bits back into a picture, and its buffer.
+pub struct Unpacker {
+    stage: Stage<Unpack>,
+    packed: Buffer<u32>,
+}
+
+impl Unpacker {
+    pub fn new(device: &Device) -> Result<Self> {
+        let stage = Stage::new(device, &())?;
+        Ok(Self { stage, packed: Buffer::new(device, "packed", 1)? })
+    }
+
+    /// Enlarges the buffer to this number of words.
+    pub fn fit(&mut self, device: &Device, words: usize) -> Result<()> {
+        if self.packed.len() < words {
+            self.packed = Buffer::new(device, "packed", words)?;
+        }
+        Ok(())
+    }
+
+    /// Records the copy of bands to `image`, each from a word of `packed` on, where it lies as [`Integers::Rgb8`].
+    pub fn record(&self, cmd: &mut Commands, packed: &Staging<u32>, bands: &[(Band, usize)], image: &Image) {
+        cmd.upload_staged(packed, &self.packed, packed.len());
+        cmd.barrier(Access::COPY_WRITE, Access::SHADER);
+        for (band, first_word) in bands {
+            let size_px = band.size(image.size());
+            let push = UnpackPush { size_px, top: band.top, first_word: *first_word as u32 };
+            let bindings = UnpackBindings { image, packed: &self.packed };
+            let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
+            cmd.dispatch(&self.stage, bindings, push, DispatchSize::Invocations(pixels));
+            cmd.barrier(Access::SHADER_WRITE, Access::SHADER_WRITE);
+        }
     }
 }

@@ -57,7 +57,7 @@ pub(super) enum Counted {
     Whole(Readback<Totals>),
     /// A frame of a scene in pages, which counts when its commands run.
     Paged(Readback<Totals>, PagedCounts),
-    /// A frame in slabs, which is finished when it is recorded.
+    /// A frame in slabs, or joined from bands of several devices, which is finished when it is recorded.
     Slabbed(Box<SlabbedFrame>),
 }
 

@@ -47,7 +47,7 @@ const RENDER_ROOMS: [(&str, &str); 30] = [
     ("readback", ""),
     ("band", "shaders"),
     ("patches", "band"),
-    ("pack", "shaders"),
+    ("pack", "shaders band"),
     ("upscale", "shaders"),
     ("capacity", "shaders"),
     ("path", "capacity"),
@@ -76,11 +76,11 @@ const RENDER_ROOMS: [(&str, &str); 30] = [
     ("sample", "band patches path frame scene pages lod path_choice self_test"),
     (
         "renderer",
-        "shaders readback band upscale capacity path scene frame constants inspect lod streaming recorded path_choice \
-         self_test sample",
+        "shaders readback band upscale capacity path scene frame constants inspect lod streaming slabs recorded \
+         path_choice self_test sample",
     ),
     ("frame_queue", "band pack capacity path inspect recorded renderer"),
-    ("split", "band recorded renderer frame_queue"),
+    ("split", "band pack slabs recorded renderer frame_queue"),
 ];
 
 /// The rooms inside `viewer`, from the ground up, and the rooms that each may use.

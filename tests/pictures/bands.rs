@@ -3,14 +3,15 @@
 use crate::common::{Gpu, open, read_captured};
 use glam::DVec3;
 use smalto::camera::Camera;
-use smalto::gpu::{Device, Validation};
+use smalto::gpu::{Commands, Device, Validation};
 use smalto::options::Options;
 use smalto::pagefile::PageFile;
 use smalto::pagefile::write::{Job, Settings, write_whole};
 use smalto::pixels::{Integers, Pixels};
 use smalto::procedural::cactus;
 use smalto::render::{
-    BAND_ROWS, Band, Form, FrameOutputs, GpuScene, Inspection, Renderer, SceneSource, SplitFrame, SplitRenderer, Upload,
+    BAND_ROWS, Band, Form, FrameOutputs, GpuScene, Inspection, OtherDevices, Renderer, SceneSource, SplitFrame,
+    SplitRenderer, Upload,
 };
 use smalto::rules::Background;
 use std::sync::Arc;
@@ -191,6 +192,61 @@ fn several_devices_draw_the_bits_of_one_and_go_on_without_a_lost_one() {
     let Err(error) = split.render(&cameras[0], BACKGROUND, &outputs) else { panic!("no device is left") };
     assert!(error.to_string().contains("lost"), "{error:#}");
     for device in &devices {
+        assert_eq!(device.validation_messages(), Vec::<String>::new());
+    }
+}
+
+/// Bands of other devices are joined on the device of a renderer: the picture and what follows from it are those of
+/// the renderer alone in 8 bits, over paths and sizes, and also when another device is lost in the middle of a frame.
+#[test]
+fn bands_of_other_devices_are_joined_to_the_picture_of_one() {
+    let gpu = Gpu::own();
+    let others = [open(Validation::Required), open(Validation::Required)];
+    let scene = cactus(6000).unwrap().gaussians;
+    for name in ["balanced", "portable", "exact"] {
+        let options = Options::preset(name).unwrap();
+        let renderer = |device| {
+            let scene = GpuScene::new(device, &scene, &options).unwrap();
+            Renderer::new(device, &options, &scene).unwrap()
+        };
+        let mut own = renderer(&gpu.0);
+        let helping = others.iter().map(|device| (device, renderer(device))).collect();
+        let mut helping = OtherDevices::new(&gpu.0, &options, helping).unwrap();
+        let mut left = 3;
+        for (round, size) in (0..4).flat_map(|round| [[100, 200], [64, 160], [40, 64]].map(|size| (round, size))) {
+            let camera = view(size);
+            let whole = own.render(&camera, BACKGROUND).unwrap();
+            let expected = own.pixels().unwrap();
+            helping.learn_whole(1e6);
+            assert!(helping.are_used(&camera) == (left > 1), "{name}, round {round}");
+            if left > 1 && round > 0 && size[0] == 100 {
+                helping.lose(left - 2);
+                left -= 1;
+            }
+            let mut cmd = Commands::new(&gpu.0).unwrap();
+            let recorded = helping.record(&mut own, &mut cmd, &camera, BACKGROUND).unwrap();
+            let results = cmd.submit().unwrap().wait().unwrap();
+            let totals = own.judge(&results, &recorded).unwrap().expect("a joined picture is complete");
+            assert!(own.pixels().unwrap().to_rgb8() == expected.to_rgb8(), "{name}, round {round}, {size:?}");
+            assert!(totals.visible >= whole.totals.visible, "{name}: bands list what the picture lists");
+            let bands = helping.last_bands().iter().map(|band| band.band.rows);
+            let most = size[1].div_ceil(own.band_rows(&camera)).min(left as u32) as usize;
+            assert_eq!(bands.clone().count(), if most > 1 { most } else { 0 }, "{name}, round {round}, {size:?}");
+            assert!(most < 2 || bands.sum::<u32>() == size[1]);
+            // A pixel is explained from the renderer's own lists, and the picture is there again.
+            if round == 0 {
+                let [x, y] = size.map(|side| side / 2);
+                let explained = own.explain([x, y]).unwrap();
+                own.render(&camera, BACKGROUND).unwrap();
+                assert_eq!(format!("{explained:?}"), format!("{:?}", own.explain([x, y]).unwrap()));
+                assert!(bits(&own.pixels().unwrap()) == bits(&expected));
+            }
+            let lost = helping.take_lost();
+            assert!(lost.iter().all(|lost| lost.error.to_string().contains("lost")));
+        }
+        assert_eq!(left, 1);
+    }
+    for device in others.iter().chain([&gpu.0]) {
         assert_eq!(device.validation_messages(), Vec::<String>::new());
     }
 }

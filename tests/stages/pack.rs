@@ -8,7 +8,8 @@ use smalto::options::Options;
 use smalto::pixels::{Integers, Pixels};
 use smalto::procedural::{Procedural, cactus};
 use smalto::render::{
-    Capacity, Form, FrameOutputs, FrameQueue, GpuScene, HostFrame, Inspection, Look, Packer, Renderer, Work,
+    Band, Capacity, Form, FrameOutputs, FrameQueue, GpuScene, HostFrame, Inspection, Look, Packer, Renderer, Unpacker,
+    Work,
 };
 use smalto::rules::Background;
 
@@ -61,6 +62,43 @@ fn pack_rounds_like_the_host() {
             assert!(bytes[..expected.len()] == expected, "{integers:?} {width}x{height}");
             assert!(bytes[expected.len()..].iter().all(|byte| *byte == 0), "{integers:?} {width}x{height}");
         }
+    }
+}
+
+/// All values of 8 bits come back to the nearest floats, in bands of any place and size, and are packed to the same.
+#[test]
+fn unpack_is_the_inverse_of_pack() {
+    let gpu = Gpu::new();
+    let mut unpacker = Unpacker::new(&gpu.0).unwrap();
+    for [width, height, border] in [[1, 3, 1], [5, 7, 4], [64, 64, 32], [63, 65, 64]] {
+        let bands = [Band { top: 0, rows: border }, Band { top: border, rows: height - border }];
+        let colour = |i: u32| (i.wrapping_mul(2_654_435_761) >> 24) as u8;
+        let colours: Vec<u8> = (0..3 * width * height).map(colour).collect();
+        let own = (3 * width * border) as usize;
+        let first_words = [0, own.div_ceil(4)];
+        let words = first_words[1] + (colours.len() - own).div_ceil(4);
+        let mut host: Staging<u32> = Staging::new(&gpu.0, "host", words).unwrap();
+        host.map().fill(u32::MAX);
+        let bytes = bytemuck::cast_slice_mut::<u32, u8>(host.map());
+        bytes[..own].copy_from_slice(&colours[..own]);
+        bytes[4 * first_words[1]..][..colours.len() - own].copy_from_slice(&colours[own..]);
+        let image = Image::new(&gpu.0, "image", width, height).unwrap();
+        let mut cmd = Commands::new(&gpu.0).unwrap();
+        let places = [(bands[0], first_words[0]), (bands[1], first_words[1])];
+        unpacker.fit(&gpu.0, words).unwrap();
+        unpacker.record(&mut cmd, &host, &places, &image);
+        cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
+        let pixels = cmd.read_rows(&image, 0..height).unwrap();
+        let rgba = cmd.submit().unwrap().wait().unwrap().view(&pixels).to_vec();
+        for (i, (pixel, colour)) in rgba.iter().zip(colours.chunks(3)).enumerate() {
+            let expected: [f32; 4] =
+                std::array::from_fn(|k| colour.get(k).map_or(1.0, |byte| f32::from(*byte) / 255.0));
+            // The division of the device may be off by an ulp or two.
+            let error =
+                pixel.iter().zip(expected).map(|(found, expected)| (found - expected).abs()).fold(0.0, f32::max);
+            assert!(error <= 3e-7, "pixel {i} of {width}x{height}: {pixel:?} for {expected:?}");
+        }
+        assert!(Pixels { size: [width, height], rgba }.to_rgb8() == colours, "{width}x{height}");
     }
 }
 

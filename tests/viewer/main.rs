@@ -18,6 +18,7 @@ mod order;
 mod paged;
 mod poses;
 mod readout;
+mod sharing;
 mod timeline;
 mod wayland;
 mod window;

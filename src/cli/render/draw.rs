@@ -22,13 +22,9 @@ use super::video::Encoder;
 use crate::cli::drawable::Drawable;
 use crate::cli::levels::decibels;
 use crate::cli::progress::Bar;
-use crate::cli::{
-    Usage, certified, complain,
-    devices::{SHARE_NEEDS_SEVERAL, names_of},
-    remark, say, size_text,
-};
+use crate::cli::{Usage, certified, complain, devices::SHARE_NEEDS_SEVERAL, remark, say, size_text};
 use crate::files::text_of;
-use crate::gpu::Device;
+use crate::gpu::{Device, names_of};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::reference;

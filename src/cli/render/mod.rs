@@ -45,7 +45,7 @@ use anyhow::{Context, Result};
 
 use crate::cli::budget::BudgetArgs;
 use crate::cli::cameras::{EyeArgs, FilmArgs, LensArgs, SplitArg};
-use crate::cli::devices::{DevicesArgs, names_of, say_memory};
+use crate::cli::devices::{DevicesArgs, say_memory};
 use crate::cli::drawable::read_places;
 use crate::cli::headings::{ACCURACY, CAMERAS, DEVICE, LEVELS, MANY, OUTPUT, REPORTS};
 use crate::cli::knobs::Knobs;
@@ -54,6 +54,7 @@ use crate::cli::scenes::SceneArg;
 use crate::cli::sink::Sink;
 use crate::cli::{REPORTS_TO_STDOUT, Usage, knobs, one_of, say, values};
 use crate::files::is_stdout;
+use crate::gpu::names_of;
 use crate::measure::bench::VersionReport;
 use crate::options::Options;
 use crate::pixels::{Compression, FileKind};

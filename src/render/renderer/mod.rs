@@ -2,10 +2,12 @@
 //!
 //! - `mod` - [`Renderer`]: settings, frames, pixels
 //! - `levels` - the cut of levels of detail, and its error
+//! - `bands` - bands of pictures, and pictures that are joined from bands
 //! - `explain` - the splats and the depth of a pixel
 //! - `ray_certifier` - certificates against the response along rays
 //! - `reports` - residency, memory, bytes of stages
 
+mod bands;
 mod explain;
 mod levels;
 mod ray_certifier;
@@ -153,6 +155,10 @@ impl Renderer {
         })
     }
 
+    pub(in crate::render) fn device_name(&self) -> &str {
+        &self.device.capabilities().name
+    }
+
     /// The path of the frame recorded last.
     pub fn path(&self) -> Path {
         self.drawn.path
@@ -202,29 +208,6 @@ impl Renderer {
     pub fn enable_page_streaming(&mut self) -> Result<()> {
         self.follows_prediction = true;
         self.choice.enable_page_streaming(&self.device, &self.scene)
-    }
-
-    /// Draws only these rows of all pictures from now on, or again all rows. The image and [`Renderer::pixels`] have
-    /// the size of the band.
-    pub fn set_band(&mut self, band: Option<Band>) {
-        self.band = band;
-        self.last.iter_mut().for_each(|last| last.has_tile_lists = false);
-    }
-
-    /// Bands of the pictures of a camera may begin at multiples of this many rows.
-    pub fn band_rows(&self, camera: &Camera) -> u32 {
-        self.choice.band_rows(Shot::new(&self.scene, camera))
-    }
-
-    /// The reason why pictures of a camera by these options are not drawn in bands; `None` if they can be.
-    pub fn whole_because(options: &Options, camera: &Camera) -> Option<&'static str> {
-        if camera.lens.is_some() || options.rules.response == Response::Ray {
-            Some("pictures along rays are drawn as a whole")
-        } else if options.scale != 1.0 {
-            Some("pictures that are drawn smaller and then enlarged are drawn as a whole")
-        } else {
-            None
-        }
     }
 
     /// Times every stage, or only the whole frame.

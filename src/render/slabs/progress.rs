@@ -70,7 +70,7 @@ impl FrameProgress {
 
     /// Adds the counts of a slab.
     pub fn add_totals(&mut self, totals: &Totals) {
-        self.drawn.totals = sum(&self.drawn.totals, totals);
+        self.drawn.totals = self.drawn.totals.plus(totals);
     }
 
     /// Continues behind a slab that was blended, and that filled this fraction of the capacity.
@@ -87,29 +87,5 @@ impl FrameProgress {
         self.drawn.report = SlabReport { wall_ms, ..input.end_report(self.drawn.report) };
         let target = self.first_target.filter(|_| self.drawn.report.slabs > 1);
         (self.drawn, target.unwrap_or(f64::INFINITY))
-    }
-}
-
-/// The counts of two slabs together.
-fn sum(one: &Totals, other: &Totals) -> Totals {
-    let [low, high] = [|sum: u64| sum as u32, |sum: u64| (sum >> 32) as u32];
-    let listed = one.listed() + other.listed();
-    let evaluations = one.evaluations() + other.evaluations();
-    let walked = one.walked() + other.walked();
-    Totals {
-        visible: one.visible.saturating_add(other.visible),
-        visible_kept: one.visible_kept.saturating_add(other.visible_kept),
-        spans: one.spans.saturating_add(other.spans),
-        listed_low: low(listed),
-        listed_high: high(listed),
-        listed_kept: one.listed_kept.saturating_add(other.listed_kept),
-        longest_list: one.longest_list.max(other.longest_list),
-        evaluations_low: low(evaluations),
-        evaluations_high: high(evaluations),
-        walked_low: low(walked),
-        walked_high: high(walked),
-        stopped_pixels: one.stopped_pixels + other.stopped_pixels,
-        listed_tiles: one.listed_tiles.max(other.listed_tiles),
-        tiles_in_class: one.tiles_in_class,
     }
 }

@@ -1,10 +1,16 @@
 //! One frame on several devices: each device draws a band of the picture (sort-first, Molnar et al. 1994).
 //!
 //! - `balance` - [`Balance`]: the borders of the bands, moved by the times of the last frame
-//! - `renderer` - [`SplitRenderer`]: draws the bands at the same time, and draws again what a lost device leaves
+//! - `worker` - the thread of a device that draws bands
+//! - `renderer` - [`SplitRenderer`]: pictures in host memory, of devices that are equals
+//! - `other_devices` - [`OtherDevices`]: pictures on the device of a renderer, with bands from other devices
 
 mod balance;
+mod other_devices;
 mod renderer;
+mod worker;
 
 pub use balance::Balance;
-pub use renderer::{DrawnBand, LostDevice, SplitFrame, SplitRenderer};
+pub use other_devices::{DeviceBand, OtherDevices, PAYS_FROM_MS};
+pub use renderer::{SplitFrame, SplitRenderer};
+pub use worker::{DrawnBand, LostDevice};

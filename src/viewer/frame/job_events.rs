@@ -10,8 +10,8 @@ use crate::host_memory::OutOfMemory;
 use crate::render::upload_pixels;
 use crate::scene::{Cancelled, Unreadable};
 use crate::viewer::model::{
-    CompareTarget, Drawn, Event, JobEvent, LoadedScene, Pair, PictureOf, Second, SecondPicture, Side, Viewer, covered,
-    fitted, over,
+    CompareTarget, Drawn, Event, JobEvent, LoadedScene, Pair, PictureOf, Second, SecondPicture, Sharing, Side, Viewer,
+    covered, fitted, over,
 };
 
 /// Handles an event of a job. `device` is the one that the window draws on.
@@ -39,6 +39,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         JobEvent::Changed(number, changed) => viewer.handle_change(number, changed),
         JobEvent::Cameras(path, origin, cameras) => viewer.handle_cameras(&path, origin, cameras),
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),
+        JobEvent::Shared(generation, sharing) => handle_shared(viewer, pair, generation, sharing),
         // Another picture was requested meanwhile.
         JobEvent::Picture(number, ..) if number != viewer.comparison.last_request => {}
         JobEvent::Picture(_, name, of, pixels) => {
@@ -160,6 +161,34 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
     }
 }
 
+fn handle_shared(viewer: &mut Viewer, pair: &mut Pair, generation: u64, sharing: Result<Box<Sharing>>) {
+    viewer.pictures.is_sharing = false;
+    let Some(first) = pair.first.as_mut().filter(|first| first.generation == generation) else { return };
+    match sharing {
+        Ok(mut sharing) => {
+            sharing.devices.learn_whole(first.frame.gpu_ms());
+            first.sharing = Some(*sharing);
+            viewer.pictures.are_stale = true;
+        }
+        Err(problem) => viewer.messages.note(format!("the other devices draw no bands: {problem:#}")),
+    }
+}
+
+/// Prepares the other devices for the first picture, once it is drawn.
+fn share(viewer: &mut Viewer, pair: &Pair, device: &Device) {
+    let first = pair.first.as_ref().filter(|first| viewer.pictures.shared != Some(first.generation));
+    let Some(plan) = first.and_then(Drawn::sharing_plan) else { return };
+    let (device, others, generation) = (device.clone(), viewer.setup.other_devices.clone(), plan.generation);
+    if others.is_empty() || viewer.pictures.is_sharing || viewer.pictures.is_any_building() {
+        return;
+    }
+    (viewer.pictures.shared, viewer.pictures.is_sharing) = (Some(generation), true);
+    viewer.jobs.start(
+        move |_| plan.build(&device, &others).map(Box::new),
+        move |sharing| JobEvent::Shared(generation, sharing),
+    );
+}
+
 /// Starts the builds of planned pictures, and drops pictures that are no longer planned.
 pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
     for side in [Side::First, Side::Second] {
@@ -204,6 +233,7 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
             move |drawn| JobEvent::Built(side, drawn),
         );
     }
+    share(viewer, pair, device);
 }
 
 /// Resamples a picture that the GPU did not draw to the size of the window, and uploads it.

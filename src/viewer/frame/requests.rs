@@ -142,16 +142,16 @@ impl Session {
         if !viewer.needs_snapshot() {
             return Ok(());
         }
-        let Some(first) = &self.pair.first else { return Ok(()) };
+        let is_of_first = viewer.mismatch(&self.pair).is_none();
+        let covered = viewer.covered(&self.pair);
+        let Some(first) = &mut self.pair.first else { return Ok(()) };
         if viewer.inspector.snapshot.is_none() {
-            let is_of_first = viewer.mismatch(&self.pair).is_none();
             let second = match self.pair.second.as_ref().filter(|_| is_of_first) {
                 Some(Second::Drawn(drawn)) => Some(Arc::new(drawn.renderer.pixels()?)),
                 Some(Second::Image(_)) => viewer.comparison.fitted.clone(),
                 None => None,
             };
-            let first = Arc::new(first.renderer.pixels()?);
-            let covered = viewer.covered(&self.pair);
+            let first = Arc::new(first.pixels(viewer.pictures.view.as_ref(), viewer.view.background)?);
             viewer.inspector.set_snapshot(first, second, covered);
         }
         viewer.compare_snapshot();

@@ -60,6 +60,8 @@ struct RecordedPicture {
     generation: u64,
     path: Path,
     recorded: Recorded,
+    /// Other devices drew bands of it.
+    is_shared: bool,
 }
 
 /// The results of a finished frame.
@@ -75,6 +77,8 @@ pub struct RetiredPicture {
     pub path: Path,
     /// The counts of the frame; `None` if it is incomplete because a buffer was too small.
     pub totals: Option<Totals>,
+    /// Its time on the GPU in milliseconds, if no other device drew bands of it.
+    pub alone_ms: Option<f64>,
 }
 
 /// The outcome of showing a frame.
@@ -208,12 +212,15 @@ impl Screen {
         let Some(FrameInFlight { commands, pictures }) = self.frames.pop_front() else { return Ok(()) };
         let (results, is_drawn) = (commands.wait()?, !pictures.is_empty());
         let (mut retired, mut timings, mut left) = (Vec::new(), Vec::new(), results.timings());
-        for RecordedPicture { side, generation, path, recorded } in pictures {
-            timings.extend(recorded.take_timings(&mut left));
+        for RecordedPicture { side, generation, path, recorded, is_shared } in pictures {
+            let own = recorded.take_timings(&mut left);
+            let outermost = own.iter().filter(|timing| timing.depth == 0);
+            let alone_ms = (!is_shared).then(|| outermost.map(|timing| timing.duration_ms).sum());
+            timings.extend(own);
             // Counts of a picture that was replaced meanwhile are dropped.
             if let Some((_, drawn)) = pair.drawn().find(|(s, drawn)| (*s, drawn.generation) == (side, generation)) {
                 let totals = drawn.renderer.judge(&results, &recorded)?;
-                retired.push(RetiredPicture { side, path, totals });
+                retired.push(RetiredPicture { side, path, totals, alone_ms });
             }
         }
         if is_drawn {
@@ -230,10 +237,12 @@ impl Screen {
         // Each timestamp costs time on the GPU, and only the panels show stages.
         cmd.set_timestamps(if times_stages { Timestamps::All } else { Timestamps::Outermost });
         let mut pictures = Vec::new();
+        // Differences are computed from colours that are not rounded.
+        let may_share = pair.second.is_none();
         for (side, drawn) in pair.drawn() {
-            let recorded = drawn.renderer.record(&mut cmd, camera, background)?;
+            let (recorded, is_shared) = drawn.record(&mut cmd, (camera, background), may_share)?;
             let (generation, path) = (drawn.generation, drawn.renderer.path());
-            pictures.push(RecordedPicture { side, generation, path, recorded });
+            pictures.push(RecordedPicture { side, generation, path, recorded, is_shared });
         }
         if !pictures.is_empty() {
             self.drawing = Some(Drawing { commands: cmd, pictures });

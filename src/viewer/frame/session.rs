@@ -8,7 +8,7 @@ use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 use super::job_events;
 use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
 use crate::measure::bench::ClockProbe;
-use crate::render::{Compare, Inspection, Marker, Quantity};
+use crate::render::{Compare, Inspection, LostDevice, Marker, Quantity};
 use crate::rules::Response;
 use crate::viewer::model::{
     CompareTarget, Counts, Event, InspectionSettings, Pair, Request, Side, Viewer, WindowRequest, needs_whole,
@@ -108,7 +108,7 @@ impl Session {
         self.viewer.requests.retain(|request| !matches!(request, Request::Select(_)));
         self.screen = screen;
         self.reset_font_atlas();
-        self.viewer.pictures.are_building = [false; 2];
+        (self.viewer.pictures.are_building, self.viewer.pictures.is_sharing) = ([false; 2], false);
         self.viewer.pictures.refused = [None, None];
         self.viewer.pictures.are_stale = true;
         self.viewer.comparison.is_stale = true;
@@ -136,7 +136,8 @@ impl Session {
     /// True if everything that was requested is read, built, drawn and on the screen, and no job measures or writes.
     pub fn is_settled(&self) -> bool {
         let viewer = &self.viewer;
-        viewer.export.progress.is_none() && viewer.measuring.running.is_none() && self.is_at_rest()
+        let works = viewer.export.progress.is_some() || viewer.measuring.running.is_some();
+        !works && !viewer.pictures.is_sharing && self.is_at_rest()
     }
 
     /// True if everything that was requested is read, built, drawn and on the screen. Jobs may measure or write.
@@ -241,7 +242,7 @@ impl Session {
         self.prepare_values()?;
         self.report_edits();
         self.apply_inspection()?;
-        self.viewer.pictures.are_stale |= self.has_wrong_size();
+        self.viewer.pictures.are_stale |= self.has_wrong_size() || self.pair.is_rounded_in_comparison();
         let draws = self.viewer.pictures.are_stale;
         if draws {
             self.draw()?;
@@ -337,6 +338,7 @@ impl Session {
         }
         let times_stages = self.shows_times();
         self.screen.draw(&mut self.pair, &camera, background, times_stages)?;
+        self.report_lost_devices();
         self.viewer.pictures.view = Some(camera);
         (self.viewer.inspector.snapshot, self.viewer.inspector.depths) = (None, None);
         self.viewer.pictures.are_stale = false;
@@ -345,6 +347,16 @@ impl Session {
             self.viewer.timing.pace.answer(at.elapsed().as_secs_f64() * 1e3);
         }
         Ok(())
+    }
+
+    /// Says which of the other devices draw no bands any more.
+    fn report_lost_devices(&mut self) {
+        let sharing = self.pair.first.as_mut().and_then(|first| first.sharing.as_mut());
+        for LostDevice { name, error, .. } in sharing.map_or_else(Vec::new, |sharing| sharing.devices.take_lost()) {
+            let text = format!("{name} draws no bands any more: {error:#}");
+            (self.viewer.setup.remark)(&format!("note: {text}"));
+            self.viewer.messages.note(text);
+        }
     }
 
     /// True if the times of stages are shown, in panels or elsewhere.
@@ -427,12 +439,15 @@ impl Session {
         for frame in retired {
             self.viewer.timing.frame_times.add(&frame.timings);
             self.keep_rate(&frame.timings);
-            for RetiredPicture { side, path, totals } in frame.pictures {
+            for RetiredPicture { side, path, totals, alone_ms } in frame.pictures {
                 // An incomplete frame is drawn again, in larger buffers.
                 self.viewer.pictures.are_stale |= totals.is_none();
                 if let (Some(totals), Side::First, Some(first)) = (totals, side, &mut self.pair.first) {
                     first.frame.totals = totals;
                     first.path = path;
+                    if let (Some(ms), Some(sharing)) = (alone_ms, &mut first.sharing) {
+                        sharing.devices.learn_whole(ms);
+                    }
                 }
             }
         }

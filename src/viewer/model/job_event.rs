@@ -13,6 +13,7 @@ use super::photographs::Photographs;
 use super::plan::{Drawn, Side};
 use super::property_values::PropertyValues;
 use super::requests::Selecting;
+use super::sharing::Sharing;
 use super::snapshot::PairDifference;
 use crate::camera::CameraFile;
 use crate::options::Options;
@@ -53,6 +54,8 @@ pub enum JobEvent {
     Cameras(PathBuf, Origin, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),
+    /// The number of a build, and the other devices that can draw bands of its pictures.
+    Shared(u64, Result<Box<Sharing>>),
     /// A photograph or the reference: the number of the request, its name, what it shows, and its pixels.
     Picture(u64, String, PictureOf, Result<Pixels>),
     /// The photographs of a folder.

@@ -6,7 +6,8 @@
 //! - `requests` - requests of panels and keys that need the device or the window
 //! - `scenes`, `layers`, `loaded_scene`, `appearance` - the open scenes, one layer each, and their Gaussians
 //! - `view`, `cameras`, `photographs`, `evaluation` - the view, the camera file, and its photographs
-//! - `plan` - plans of the two pictures, and their builds: a scene on the GPU with its renderer
+//! - `plan`, `source` - plans of the two pictures, and their builds: a scene on the GPU with its renderer
+//! - `sharing` - the other devices that draw bands of the first picture
 //! - `pictures` - which of the two pictures are stale, building or refused
 //! - `comparison`, `snapshot` - the second picture, and pixel values read back for numbers
 //! - `inspector`, `view_modes` - view modes, and the explained pixel
@@ -55,7 +56,9 @@ mod recent;
 mod requests;
 mod scenes;
 mod setup;
+mod sharing;
 mod snapshot;
+mod source;
 mod timing;
 mod undo;
 mod view;
@@ -95,6 +98,7 @@ pub(crate) use rate::RateControl;
 pub use recent::{RecentState, Tab};
 pub use requests::{Request, Selecting, WindowRequest};
 pub use setup::{CompareWith, Setup, Start};
+pub(crate) use sharing::Sharing;
 pub(crate) use snapshot::{Area, PairDifference, area_between, cropped};
 pub(crate) use undo::{LayerState, Undo, UndoState};
 pub(crate) use view_modes::{InspectionSettings, Numbers, VIEW_MODES};

@@ -13,6 +13,10 @@ pub struct Pictures {
     pub view: Option<Camera>,
     /// Builds under way.
     pub are_building: [bool; 2],
+    /// The last build to which other devices were given, or are being given.
+    pub shared: Option<u64>,
+    /// True while other devices are being prepared.
+    pub is_sharing: bool,
     /// Plans whose build failed, so that the build is not repeated every frame.
     pub refused: [Option<Plan>; 2],
     /// Messages about shaders that could not be compiled.
@@ -29,6 +33,8 @@ impl Default for Pictures {
             are_stale: true,
             view: None,
             are_building: [false; 2],
+            shared: None,
+            is_sharing: false,
             refused: [None, None],
             shader_errors: [None, None],
             shaders: None,

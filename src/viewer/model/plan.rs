@@ -9,13 +9,16 @@ use super::appearance::Appearance;
 use super::edit::{Edit, joined_sets};
 use super::level_error::LevelError;
 use super::loaded_scene::{DrawnScene, LoadedScene, are_same, draw_same};
+use super::sharing::{Sharing, SharingPlan};
+use super::source::Source;
 use crate::camera::Camera;
-use crate::gpu::{Device, Image};
+use crate::gpu::{Commands, Device, Image};
 use crate::options::Options;
 use crate::packing::{Layout, Statistics};
 use crate::pagefile::PagedScene;
+use crate::pixels::Pixels;
 use crate::render::{
-    Content, Frame, GpuScene, Inspection, JoinedScenes, LimitSearch, Marker, Path, Renderer, Residency, SampledPsnr,
+    Frame, GpuScene, Inspection, JoinedScenes, LimitSearch, Marker, Path, Recorded, Renderer, Residency, SampledPsnr,
     SceneSource, Step, Upload,
 };
 use crate::rules::Background;
@@ -60,6 +63,12 @@ pub struct Drawn {
     pub path: Path,
     pub inspection: Inspection,
     pub level_error: LevelError,
+    /// The picture of the renderer has colours of 8 bits: other devices drew bands of it.
+    is_rounded: bool,
+    /// Set if other devices draw bands of the pictures.
+    pub sharing: Option<Sharing>,
+    /// The scene on the other devices, where an earlier picture left it.
+    other_scenes: Vec<GpuScene>,
     /// The search of the error limit that keeps a PSNR in this view.
     search: Option<LimitSearch>,
     /// The view of the last search.
@@ -184,8 +193,9 @@ impl Plan {
             source.upload(device, &options, Upload::reserving(BYTES_PER_PIXEL * pixels))
         };
         let mut is_edited = reusable.as_ref().is_some_and(|old| old.is_edited);
-        let reused = reusable.filter(|old| old.layout == layout && same_threshold(old)).map(|old| old.scene);
+        let reused = reusable.filter(|old| old.layout == layout && same_threshold(old));
         let is_reused = reused.is_some();
+        let (reused, other_scenes) = reused.map(|old| (old.scene, old.other_scenes)).unzip();
         let mut scene = reused.map_or_else(|| upload(&source), Ok)?;
         if !is_reused && !is_edited && scene.is_paged() && source.gaussians().is_some() && self.leaves_out() {
             // Pages have no marks, so only the drawn Gaussians are in them.
@@ -237,6 +247,9 @@ impl Plan {
             path,
             inspection,
             level_error: LevelError::default(),
+            is_rounded: false,
+            sharing: None,
+            other_scenes: other_scenes.unwrap_or_default(),
             search: None,
             searched: None,
         })
@@ -284,40 +297,6 @@ impl Plan {
     }
 }
 
-/// What a plan uploads: one scene, or several that are drawn in pages.
-#[derive(Clone)]
-enum Source {
-    Scene(SceneSource),
-    Joined(JoinedScenes),
-}
-
-impl Source {
-    fn statistics(&self) -> Arc<Statistics> {
-        match self {
-            Self::Scene(scene) => match &scene.content {
-                Content::Memory { statistics, .. } => statistics.clone(),
-                Content::File(file) => Arc::new(file.header().statistics.clone()),
-            },
-            Self::Joined(joined) => joined.statistics.clone(),
-        }
-    }
-
-    /// All Gaussians, if they are in memory and drawn once.
-    fn gaussians(&self) -> Option<Arc<Gaussians>> {
-        match self {
-            Self::Scene(SceneSource { content: Content::Memory { gaussians, .. }, .. }) => Some(gaussians.clone()),
-            _ => None,
-        }
-    }
-
-    fn upload(&self, device: &Device, options: &Options, upload: Upload) -> Result<GpuScene> {
-        match self {
-            Self::Scene(scene) => scene.upload_with(device, options, upload),
-            Self::Joined(joined) => joined.upload_with(device, options, upload),
-        }
-    }
-}
-
 /// The parts of a picture that the build of another picture may reuse.
 #[derive(Clone)]
 pub struct Reusable {
@@ -326,6 +305,8 @@ pub struct Reusable {
     statistics: Arc<Statistics>,
     layout: Layout,
     scene: GpuScene,
+    /// The scene on the other devices, if it is there.
+    other_scenes: Vec<GpuScene>,
     is_edited: bool,
 }
 
@@ -386,8 +367,53 @@ impl Drawn {
             statistics: self.statistics.clone(),
             layout: self.layout.clone(),
             scene: self.scene.clone(),
+            other_scenes: self.sharing.as_ref().map_or(&self.other_scenes, |sharing| &sharing.scenes).clone(),
             is_edited: self.is_edited,
         }
+    }
+
+    /// What other devices need to draw bands of the pictures; `None` if they do, or the scene is drawn in pages.
+    pub fn sharing_plan(&self) -> Option<SharingPlan> {
+        (self.sharing.is_none() && !self.scene.is_paged()).then(|| SharingPlan {
+            options: self.plan.options,
+            source: self.source.clone(),
+            scenes: self.other_scenes.clone(),
+            generation: self.generation,
+        })
+    }
+
+    /// Records the drawing of a picture. With `may_share`, it is in bands where other devices help and it pays, and the
+    /// function returns true with the frame. Edited and inspected pictures are drawn by the first device.
+    ///
+    /// # Errors
+    /// If memory runs out or the device is lost.
+    pub fn record(
+        &mut self,
+        cmd: &mut Commands,
+        (camera, background): (&Camera, Background),
+        may_share: bool,
+    ) -> Result<(Recorded, bool)> {
+        let is_plain = self.inspection == Inspection::default() && self.marks.as_ref().is_some_and(Marks::are_none);
+        let sharing = self.sharing.as_mut().filter(|_| may_share && is_plain);
+        let sharing = sharing.filter(|sharing| sharing.devices.are_used(camera));
+        self.is_rounded = sharing.is_some();
+        let recorded = match sharing {
+            Some(Sharing { devices, .. }) => devices.record(&mut self.renderer, cmd, camera, background)?,
+            None => self.renderer.record(cmd, camera, background)?,
+        };
+        Ok((recorded, self.is_rounded))
+    }
+
+    /// The pixels of the picture drawn last, which was one of this view.
+    ///
+    /// # Errors
+    /// If memory runs out or the device is lost.
+    pub fn pixels(&mut self, view: Option<&Camera>, background: Background) -> Result<Pixels> {
+        if let Some(camera) = view.filter(|_| self.is_rounded) {
+            self.renderer.render(camera, background)?;
+            self.is_rounded = false;
+        }
+        self.renderer.pixels()
     }
 
     /// True if all Gaussians are on the device, with marks that leave some out: pages have no marks.
@@ -521,6 +547,11 @@ impl Second {
 }
 
 impl Pair {
+    /// True if the first picture is compared, but its colours are rounded.
+    pub fn is_rounded_in_comparison(&self) -> bool {
+        self.second.is_some() && self.first.as_ref().is_some_and(|first| first.is_rounded)
+    }
+
     /// The pictures that the GPU draws, by side.
     pub fn drawn(&mut self) -> impl Iterator<Item = (Side, &mut Drawn)> {
         let second = self.second.as_mut().and_then(|second| match second {

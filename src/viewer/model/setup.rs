@@ -9,7 +9,7 @@ use super::comparison::CompareMode;
 use super::keys::Bindings;
 use crate::camera::{Camera, LensChoice};
 use crate::formats::Reading;
-use crate::gpu::Vsync;
+use crate::gpu::{Device, Vsync};
 use crate::options::Options;
 use crate::rules::Background;
 use crate::scene::{Focus, SceneInstances};
@@ -54,6 +54,8 @@ pub struct Setup {
     pub watches_files: bool,
     /// Write events to standard output, one line of JSON each.
     pub prints_events: bool,
+    /// Devices that draw bands of the window's pictures, beside its own.
+    pub other_devices: Vec<Device>,
     /// Receives remarks for the terminal, such as the reason why the fast path is not used.
     pub remark: fn(&str),
 }
@@ -85,6 +87,7 @@ impl Default for Setup {
             fps: None,
             watches_files: false,
             prints_events: false,
+            other_devices: Vec::new(),
             remark: |_| {},
         }
     }

@@ -6,8 +6,8 @@ use indicatif::HumanCount;
 use super::theme::stage_colour;
 use crate::gpu::MemoryUse;
 use crate::measure::bench::{Clocks, Statistics};
-use crate::render::SlabReport;
-use crate::viewer::model::{Digest, Pair, Viewer};
+use crate::render::{DeviceBand, PAYS_FROM_MS, SlabReport};
+use crate::viewer::model::{Digest, Pair, Sharing, Viewer};
 
 /// Frames in the plot.
 const PLOTTED: usize = 120;
@@ -58,6 +58,9 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         let hint = "A GPU that has little to do lowers its clocks, and each frame then takes longer";
         ui.label(format!("clocks: {shader_mhz} MHz, memory {memory_mhz} MHz")).on_hover_text(hint);
     }
+    if let Some(sharing) = pair.first.as_ref().and_then(|first| first.sharing.as_ref()) {
+        devices(sharing, ui);
+    }
     let pace = &viewer.timing.pace;
     let frames = if pace.drawn == 1 { "frame" } else { "frames" };
     let late =
@@ -66,6 +69,20 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     if pace.mean_latency_ms > 0.0 {
         ui.label(format!("{:.1} ms from an input to the submission of its frame, mean", pace.mean_latency_ms))
             .on_hover_text("The GPU's time and the screen's refresh come after it");
+    }
+}
+
+/// The bands of the first picture by device.
+fn devices(sharing: &Sharing, ui: &mut Ui) {
+    let bands = sharing.devices.last_bands();
+    if bands.is_empty() {
+        ui.label("one device draws").on_hover_text(format!(
+            "Bands on several devices pay from {PAYS_FROM_MS} ms of GPU time, and are of pictures in colours, without \
+             edits, at full scale and not along rays"
+        ));
+    }
+    for DeviceBand { device, band, ms } in bands {
+        ui.label(format!("rows {} to {}: {device}, {ms:.3} ms", band.top, band.top + band.rows - 1));
     }
 }
 
@@ -83,6 +100,8 @@ fn stage_help(stage: &str) -> &'static str {
         "blend" => "Blends the splats of each pixel from front to back",
         "look" | "count" | "choose" => "Chooses the pages of levels of detail",
         "upscale" => "Enlarges a picture that was drawn smaller",
+        "other devices" => "Waits for the bands of the other devices",
+        "join" => "Brings the bands of all devices together",
         "inspect" | "shade attribute" => "Finds what the look shows in place of colours",
         "display" => "Brings the pictures to the screen",
         "panels" => "Draws the panels",
