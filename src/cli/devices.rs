@@ -8,9 +8,7 @@ use super::environment::Environment;
 use super::headings::DEVICE;
 use super::pipeline_cache::with_pipeline_cache;
 use super::{remark, say, values};
-use crate::gpu::{
-    Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, different_kinds, names_of, survey,
-};
+use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, different_kinds, survey};
 use crate::threads::{self, joined};
 
 /// The note on `--share frame` with one device.

@@ -1,6 +1,10 @@
 //! Bands of pictures: they have the bits of the whole picture, on one device and on several.
 
-use crate::common::{Gpu, open, read_captured};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use crate::common::lens::{all, around};
+use crate::common::{Gpu, Random, open, read_captured};
 use glam::DVec3;
 use smalto::camera::Camera;
 use smalto::gpu::{Commands, Device, Validation};
@@ -14,7 +18,6 @@ use smalto::render::{
     SplitRenderer, Upload,
 };
 use smalto::rules::Background;
-use std::sync::Arc;
 
 const BACKGROUND: Background = Background::Colour([0.2, 0.4, 0.1]);
 
@@ -102,6 +105,35 @@ fn bands_of_certificates_and_depths_have_the_bits_of_the_whole() {
     let mut depths = Renderer::new(&gpu.0, &options, &uploaded).unwrap();
     depths.set_inspection(Inspection::of_depths()).unwrap();
     check(&mut depths, &camera, "depths");
+}
+
+/// All lenses, and a pinhole along rays: colours, counts of work, depths and certificates. The rays of a wide lens have
+/// no planes in some bins, so that another path draws them, and all bands.
+#[test]
+fn bands_along_rays_have_the_bits_of_the_whole_picture() {
+    let gpu = Gpu::new();
+    let mut paths = BTreeSet::new();
+    let mut cameras = all([70, 150]);
+    cameras.push(("pinhole", view([70, 150]).along_rays()));
+    for (i, (name, camera)) in cameras.into_iter().enumerate() {
+        let scene = around(&mut Random(70 + i as u64), &camera, 900);
+        for preset in ["balanced", "portable"] {
+            let (name, options) = (format!("{name} {preset}"), Options::preset(preset).unwrap());
+            let upload = Upload { is_certifiable: true, reserve_bytes: 1 << 20 };
+            let source = SceneSource::of(scene.clone());
+            let uploaded = source.upload_with(&gpu.0, &options, upload).unwrap();
+            let mut renderer = Renderer::new(&gpu.0, &options, &uploaded).unwrap();
+            check(&mut renderer, &camera, &name);
+            paths.insert((preset, renderer.path().to_string()));
+            renderer.set_inspection(Inspection::of_depths()).unwrap();
+            check(&mut renderer, &camera, &format!("{name}, depths"));
+            if preset == "balanced" {
+                let mut certified = Renderer::certified(&gpu.0, &options, &uploaded).unwrap();
+                check(&mut certified, &camera, &format!("{name}, certified"));
+            }
+        }
+    }
+    assert!(paths.contains(&("portable", "rays".to_owned())), "{paths:?}");
 }
 
 /// A page file of a cactus, with or without levels.
@@ -218,7 +250,7 @@ fn bands_of_other_devices_are_joined_to_the_picture_of_one() {
             let whole = own.render(&camera, BACKGROUND).unwrap();
             let expected = own.pixels().unwrap();
             helping.learn_whole(1e6);
-            assert!(helping.are_used(&camera) == (left > 1), "{name}, round {round}");
+            assert!(helping.are_used() == (left > 1), "{name}, round {round}");
             if left > 1 && round > 0 && size[0] == 100 {
                 helping.lose(left - 2);
                 left -= 1;

@@ -9,7 +9,7 @@ use crate::gpu::{Commands, Device, DispatchSize, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
 use crate::render::fast::{BLOCK_FORMS, BinGrid, BlockForm, FastPipeline, FastWorkspace, between_stages};
-use crate::render::frame::{Shot, Target, view};
+use crate::render::frame::{Shot, Target};
 use crate::render::rays::depth_keys;
 use crate::render::shaders::fast::{BLOCKS, PROJECT_CHUNK};
 use crate::render::shaders::fast_rays::*;
@@ -120,7 +120,7 @@ impl FastRaysPipeline {
     /// The fewest bytes that each stage moves through device memory, as [`FastPipeline::least_bytes`].
     pub fn least_bytes(&self, fast: &FastPipeline, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
         let more = 16 * (self.splat_elements - fast.splat_elements()) as u64 * u64::from(totals.visible_kept);
-        let pixels: u64 = shot.camera.size_px.iter().map(|side| u64::from(*side)).product();
+        let pixels: u64 = shot.size().iter().map(|side| u64::from(*side)).product();
         let mut stages = fast.least_bytes(shot, totals);
         for (stage, bytes) in &mut stages {
             match *stage {
@@ -134,7 +134,7 @@ impl FastRaysPipeline {
 
     /// Projects the Gaussians that rays may meet, and finds the bins of each splat.
     pub fn project(&self, cmd: &mut Commands, FastRaysFrame { shot, tables, work, grid }: FastRaysFrame) {
-        let Shot { scene, camera, .. } = shot;
+        let scene = shot.scene;
         let bindings = ProjectBindings {
             bounds: &scene.bounds,
             grids: &scene.grids,
@@ -152,7 +152,7 @@ impl FastRaysPipeline {
         };
         let keys = depth_keys(shot, &self.options);
         let push = ProjectPush {
-            view: view(camera, self.options.rules.near),
+            view: shot.view(self.options.rules.near),
             gaussians: scene.len() as u32,
             visible_capacity: work.visible_capacity(),
             span_capacity: work.spans.len() as u32,

@@ -7,35 +7,39 @@ use rayon::prelude::*;
 use super::cells::LensCells;
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Device};
+use crate::render::band::{BAND_ROWS, Band};
 use crate::render::fast::BinGrid;
 use crate::render::rays::{LensTables, rays, uploaded};
-use crate::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BLOCK_WIDTH};
+use crate::render::shaders::fast::BLOCK_WIDTH;
 use crate::render::shaders::fast_rays::BIN_RAYS;
 
-/// The tables of one lens, size of picture and form of blocks, on the device.
+/// The tables of a band of one lens, size of picture and form of blocks, on the device.
 pub struct BinTables {
     pub lens: LensTables,
     pub cells: LensCells,
     /// Bounds of the rays: `glsl/fast_rays/frame.glsl` has the form.
     pub table: Buffer<[u32; 4]>,
-    /// The rays of each block lie well within a half space around its middle, so that a plane before them meets all.
+    /// The rays of each block of the whole picture lie well within a half space around its middle, so that a plane
+    /// before them meets all. One path draws all bands.
     pub have_planes: bool,
     block_height: u32,
 }
 
 impl BinTables {
-    /// Makes the tables of a camera with a lens, of which `kept` may have parts.
+    /// Makes the tables of a band of a camera with a lens, of which `kept` may have parts.
     ///
     /// # Errors
     /// If memory runs out, or the camera is a pinhole.
-    pub fn new(device: &Device, camera: &Camera, grid: BinGrid, kept: Option<Self>) -> Result<Self> {
+    pub fn new(device: &Device, (camera, band): (&Camera, Band), grid: BinGrid, kept: Option<Self>) -> Result<Self> {
+        let known = kept.as_ref().filter(|kept| kept.lens.are_of_lens(camera) && kept.has_blocks_of(grid));
+        let known = known.map(|kept| kept.have_planes);
         let cells = LensCells::new(
             device,
             camera.lens.as_ref().context("a pinhole needs no rays")?,
             kept.map(|kept| kept.cells),
         )?;
-        let picture = Picture { rays: &rays(camera), camera };
-        let lens = LensTables::new(device, camera, picture.rays)?;
+        let picture = Picture { rays: &rays(camera, band), camera, band };
+        let lens = LensTables::new(device, (camera, band), picture.rays)?;
         let (middle, spread) = picture.sphere();
         let [width, height] = grid.bin_px();
         let bins: Vec<_> = picture.parts(grid.bins, [width, height]).map(|part| picture.bin_rays(&part)).collect();
@@ -44,20 +48,28 @@ impl BinTables {
             [lens.half_sine.to_bits(), lens.widest.to_bits(), camera.is_parallel().into(), 0],
         ];
         table.extend(bins.as_flattened());
-        let block_px = [BLOCK_WIDTH, grid.block_height];
-        let blocks = [grid.bins[0] * BIN_COLUMNS, grid.bins[1] * BIN_ROWS];
+        let whole = Band::whole(camera.size_px);
+        let have_planes = || match band == whole {
+            true => picture.has_planes(grid.block_height),
+            false => in_strips(whole)
+                .all(|band| Picture { rays: &rays(camera, band), camera, band }.has_planes(grid.block_height)),
+        };
         Ok(Self {
             lens,
             cells,
             table: uploaded(device, "lens table", &table)?,
-            have_planes: picture.parts(blocks, block_px).all(|part| picture.has_plane(&part)),
+            have_planes: known.unwrap_or_else(have_planes),
             block_height: grid.block_height,
         })
     }
 
-    /// True if the tables suit a camera, wherever it stands.
-    pub fn suit(&self, camera: &Camera, grid: BinGrid) -> bool {
-        self.block_height == grid.block_height && self.lens.suit(camera)
+    /// True if the tables suit a band of the pictures of a camera, wherever it stands.
+    pub fn suit(&self, (camera, band): (&Camera, Band), grid: BinGrid) -> bool {
+        self.has_blocks_of(grid) && self.lens.suit(camera, band)
+    }
+
+    fn has_blocks_of(&self, grid: BinGrid) -> bool {
+        self.block_height == grid.block_height
     }
 
     /// The name and the bytes of every buffer.
@@ -69,20 +81,27 @@ impl BinTables {
 /// The least cosine of the angle between a ray of a block and its middle.
 const LEAST_COSINE: f32 = 0.5;
 
-/// The rays of all pixels, row by row.
+/// Bands of a few rows, in their order: the rays of all pixels of a large picture need much memory.
+fn in_strips(whole: Band) -> impl Iterator<Item = Band> {
+    let rows = 8 * BAND_ROWS;
+    (0..whole.rows).step_by(rows as usize).map(move |top| Band { top, rows: rows.min(whole.rows - top) })
+}
+
+/// The rays of the pixels of a band, row by row.
 #[derive(Clone, Copy)]
 struct Picture<'p> {
     rays: &'p [[f32; 3]],
     camera: &'p Camera,
+    band: Band,
 }
 
 /// The rays of a part of a picture, each with its place relative to the middle of the part, px.
 type Part = Vec<(DVec2, DVec3)>;
 
 impl Picture<'_> {
-    /// The parts of a size in px of a picture, in rows.
+    /// The parts of a size in px of a band, in rows.
     fn parts(self, counts: [u32; 2], size_px: [u32; 2]) -> impl IndexedParallelIterator<Item = Part> {
-        let [width, height] = self.camera.size_px;
+        let [width, height] = self.band.size(self.camera.size_px);
         (0..counts[0] * counts[1]).into_par_iter().map(move |index| {
             let low = [index % counts[0] * size_px[0], index / counts[0] * size_px[1]];
             let middle = DVec2::new(low[0].into(), low[1].into()) + DVec2::from(size_px.map(f64::from)) / 2.0;
@@ -113,6 +132,14 @@ impl Picture<'_> {
         let is_parallel = self.camera.is_parallel();
         let normal = if is_parallel { DVec3::Z } else { middle.normalize_or(DVec3::Z) };
         Some((if is_parallel { middle } else { normal }, normal))
+    }
+
+    /// True if all blocks of this height have planes.
+    fn has_planes(self, block_height: u32) -> bool {
+        let block_px = [BLOCK_WIDTH, block_height];
+        let size = self.band.size(self.camera.size_px);
+        let blocks = [0, 1].map(|axis| size[axis].div_ceil(block_px[axis]));
+        self.parts(blocks, block_px).all(|part| self.has_plane(&part))
     }
 
     /// True if all rays of a block lie near enough to its middle.

@@ -44,14 +44,14 @@ impl FastRaysEngine {
     /// # Errors
     /// If memory runs out.
     pub fn prepare(&mut self, device: &Device, shot: Shot, fast: &FastPipeline) -> Result<Option<Limits>> {
-        let Shot { scene, camera, .. } = shot;
+        let Shot { scene, camera, band, .. } = shot;
         if self.is_left {
             return Ok(None);
         }
-        let grid = fast.grid(camera.size_px, scene.len());
+        let grid = fast.grid_of(shot, scene.len());
         let tables = match self.tables.take() {
-            Some(tables) if tables.suit(camera, grid) => tables,
-            kept => BinTables::new(device, camera, grid, kept)?,
+            Some(tables) if tables.suit((camera, band), grid) => tables,
+            kept => BinTables::new(device, (camera, band), grid, kept)?,
         };
         let tables = self.tables.insert(tables);
         if !tables.have_planes {
@@ -70,7 +70,7 @@ impl FastRaysEngine {
     /// Records a frame that was prepared.
     pub fn record(&self, cmd: &mut Commands, shot: Shot, target: Target, fast: &FastPipeline) {
         let tables = self.tables.as_ref().expect("a frame along rays was prepared");
-        let grid = fast.grid(shot.camera.size_px, shot.scene.len());
+        let grid = fast.grid_of(shot, shot.scene.len());
         self.pipeline.record(cmd, fast, FastRaysFrame { shot, tables, work: &self.work, grid }, target);
     }
 

@@ -5,7 +5,7 @@ use anyhow::Result;
 use crate::gpu::{Buffer, Commands, Device};
 use crate::options::Options;
 use crate::render::capacity::{Capacity, length};
-use crate::render::frame::{Shot, Target, Variation, tiles};
+use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::Inspector;
 use crate::render::path::{Limits, Path};
 use crate::render::portable::{PortablePipeline, PortableWorkspace};
@@ -43,17 +43,13 @@ impl RaysEngine {
     ///
     /// # Errors
     /// If memory runs out: frames along rays are not drawn in slabs.
-    pub fn prepare(
-        &mut self,
-        device: &Device,
-        Shot { scene, camera, .. }: Shot,
-        portable: &PortablePipeline,
-    ) -> Result<Limits> {
-        if !self.tables.as_ref().is_some_and(|tables| tables.lens.suit(camera)) {
+    pub fn prepare(&mut self, device: &Device, shot: Shot, portable: &PortablePipeline) -> Result<Limits> {
+        let Shot { scene, camera, band, .. } = shot;
+        if !self.tables.as_ref().is_some_and(|tables| tables.lens.suit(camera, band)) {
             self.tables = None; // frees the old tables before new ones are made
-            self.tables = Some(RayTables::new(device, camera)?);
+            self.tables = Some(RayTables::new(device, camera, band)?);
         }
-        let cells = tiles(camera.size_px).iter().product::<u32>() as usize;
+        let cells = shot.tiles() as usize;
         self.fit(device, Capacity { gaussians: scene.len(), cells, ..Capacity::default() })?;
         let longest_list = portable.longest_list(self.passes);
         Ok(Limits { path: Path::Rays, in_slabs: false, capacity: self.capacity(), longest_list })

@@ -101,12 +101,12 @@ impl RaysPipeline {
         portable.check(shot.scene);
         portable.clear(cmd, work);
         cmd.scope("cull", |cmd| {
-            self.cull(cmd, portable, frame);
+            self.cull(cmd, frame);
             cmd.barrier(Access::SHADER_WRITE, Access::SHADER);
             portable.compact(cmd, shot.scene, work);
         });
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER | Access::INDIRECT);
-        cmd.scope("project", |cmd| self.project(cmd, portable, frame));
+        cmd.scope("project", |cmd| self.project(cmd, frame));
     }
 
     /// Records the stages that list the splats of [`record_splats`](Self::record_splats) in tiles, by depth. Returns
@@ -136,9 +136,10 @@ impl RaysPipeline {
         frame: RaysFrame,
         totals: &Totals,
     ) -> Vec<(&'static str, u64)> {
-        let RaysFrame { shot: Shot { scene, camera, .. }, .. } = frame;
+        let RaysFrame { shot, .. } = frame;
+        let scene = shot.scene;
         let [visible, instances] = [totals.visible_kept, totals.listed_kept].map(u64::from);
-        let pixels: u64 = camera.size_px.iter().map(|side| u64::from(*side)).product();
+        let pixels: u64 = shot.size().iter().map(|side| u64::from(*side)).product();
         let splat = size_of::<RaySplat>() as u64;
         let mut stages = portable.least_bytes(frame.shot, totals);
         for (stage, bytes) in &mut stages {
@@ -156,7 +157,7 @@ impl RaysPipeline {
     }
 
     /// Marks the Gaussians that rays may meet.
-    pub fn cull(&self, cmd: &mut Commands, portable: &PortablePipeline, frame: RaysFrame) {
+    pub fn cull(&self, cmd: &mut Commands, frame: RaysFrame) {
         let RaysFrame { shot, tables, work, .. } = frame;
         let bindings = CullBindings {
             bounds: &shot.scene.bounds,
@@ -165,7 +166,7 @@ impl RaysPipeline {
             cones: &tables.cones,
         };
         let push = CullPush {
-            view: portable.view(shot.camera),
+            view: shot.view(self.options.rules.near),
             gaussians: shot.scene.len() as u32,
             is_parallel: shot.camera.is_parallel().into(),
             widest: tables.lens.widest,
@@ -175,7 +176,7 @@ impl RaysPipeline {
     }
 
     /// Projects the visible Gaussians, and counts the tiles of each.
-    pub fn project(&self, cmd: &mut Commands, portable: &PortablePipeline, frame: RaysFrame) {
+    pub fn project(&self, cmd: &mut Commands, frame: RaysFrame) {
         let RaysFrame { shot, tables, work, splats } = frame;
         let bindings = ProjectBindings {
             gaussian_from_splat: &work.gaussian_from_splat,
@@ -192,7 +193,7 @@ impl RaysPipeline {
         };
         let keys = depth_keys(shot, &self.options);
         let push = ProjectPush {
-            view: portable.view(shot.camera),
+            view: shot.view(self.options.rules.near),
             is_parallel: shot.camera.is_parallel().into(),
             cones: tables.cones.len() as u32,
             depth_limit: keys.limit(),

@@ -8,15 +8,17 @@ use rayon::prelude::*;
 
 use crate::camera::{Camera, Footprints};
 use crate::gpu::{Buffer, Commands, Device, Element};
+use crate::render::band::Band;
 use crate::render::shaders::Cone;
 use crate::render::shaders::rays::{EVERYWHERE, FOOTPRINTS, NO_TILE};
 use crate::rules::TILE;
 
-/// The rays of all pixels and the footprints of directions of one lens and size of picture, on the device.
+/// The rays of the pixels of a band and the footprints of directions of one lens and size of picture, on the device.
 pub struct LensTables {
     /// The camera that they were made for; only lens, focal lengths, principal point and size matter.
     camera: Camera,
-    /// The ray of each pixel in view axes, 0 where there is none.
+    band: Band,
+    /// The ray of each pixel of the band in view axes, 0 where there is none.
     pub rays: Buffer<[f32; 3]>,
     /// Footprints by angle and azimuth: variance away from the axis, covariance, variance around it.
     pub footprints: Buffer<[f32; 3]>,
@@ -27,16 +29,17 @@ pub struct LensTables {
 }
 
 impl LensTables {
-    /// Makes the tables of a camera with a lens from the [`rays`] of its pixels.
+    /// Makes the tables of a camera with a lens from the [`rays`] of the pixels of a band.
     ///
     /// # Errors
     /// If memory runs out, or the camera is a pinhole.
-    pub fn new(device: &Device, camera: &Camera, rays: &[[f32; 3]]) -> Result<Self> {
+    pub fn new(device: &Device, (camera, band): (&Camera, Band), rays: &[[f32; 3]]) -> Result<Self> {
         let of = Footprints::of(camera).context("a pinhole needs no rays")?;
         let footprints = footprints(&of);
         let widest = footprints.iter().map(|[along, _, across]| along + across).fold(0.0, f32::max).sqrt();
         Ok(Self {
             camera: camera.clone(),
+            band,
             rays: uploaded(device, "rays of pixels", rays)?,
             footprints: uploaded(device, "footprints", &footprints)?,
             half_sine: half_sine(of.limit()) as f32,
@@ -44,8 +47,13 @@ impl LensTables {
         })
     }
 
-    /// True if the tables suit a camera, wherever it stands.
-    pub fn suit(&self, camera: &Camera) -> bool {
+    /// True if the tables suit a band of the pictures of a camera, wherever it stands.
+    pub fn suit(&self, camera: &Camera, band: Band) -> bool {
+        self.band == band && self.are_of_lens(camera)
+    }
+
+    /// True if they are of a band of the pictures of a camera, wherever it stands.
+    pub fn are_of_lens(&self, camera: &Camera) -> bool {
         let Camera { focal_px, centre_px, size_px, lens, .. } = &self.camera;
         (focal_px, centre_px, size_px, lens) == (&camera.focal_px, &camera.centre_px, &camera.size_px, &camera.lens)
     }
@@ -56,7 +64,7 @@ impl LensTables {
     }
 }
 
-/// The tables of the rays path for one lens and size of picture, on the device.
+/// The tables of the rays path for a band of one lens and size of picture, on the device.
 pub struct RayTables {
     pub lens: LensTables,
     /// The tree of cones.
@@ -66,15 +74,15 @@ pub struct RayTables {
 }
 
 impl RayTables {
-    /// Makes the tables of a camera with a lens.
+    /// Makes the tables of a band of a camera with a lens.
     ///
     /// # Errors
     /// If memory runs out, or the camera is a pinhole.
-    pub fn new(device: &Device, camera: &Camera) -> Result<Self> {
-        let rays = rays(camera);
-        let cones = cones(&rays, camera.size_px);
+    pub fn new(device: &Device, camera: &Camera, band: Band) -> Result<Self> {
+        let rays = rays(camera, band);
+        let cones = cones(&rays, band.size(camera.size_px));
         Ok(Self {
-            lens: LensTables::new(device, camera, &rays)?,
+            lens: LensTables::new(device, (camera, band), &rays)?,
             cones: uploaded(device, "cones of tiles", &cones)?,
             large: LARGE_TILES * mean_spread(&cones),
         })
@@ -98,11 +106,12 @@ pub(in crate::render) fn uploaded<T: Element>(device: &Device, name: &str, value
     Ok(buffer)
 }
 
-/// The rays of all pixels in view axes, row by row; 0 where there is none.
-pub(in crate::render) fn rays(camera: &Camera) -> Vec<[f32; 3]> {
-    let [width, height] = camera.size_px.map(|side| side as usize);
+/// The rays of the pixels of a band in view axes, row by row; 0 where there is none.
+pub(in crate::render) fn rays(camera: &Camera, band: Band) -> Vec<[f32; 3]> {
+    let [width, height] = band.size(camera.size_px).map(|side| side as usize);
     let ray = |index: usize| {
-        let centre = DVec2::new((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
+        let row = f64::from(band.top) + (index / width) as f64;
+        let centre = DVec2::new((index % width) as f64 + 0.5, row + 0.5);
         camera.ray(centre).unwrap_or(DVec3::ZERO).as_vec3().to_array()
     };
     (0..width * height).into_par_iter().with_min_len(1024).map(ray).collect()

@@ -10,7 +10,7 @@ use crate::render::band::Band;
 use crate::render::frame::Shot;
 use crate::render::recorded::{Counted, FRAME, Frame, Recorded};
 use crate::render::slabs::SlabbedFrame;
-use crate::rules::{Background, Response};
+use crate::rules::Background;
 
 impl Renderer {
     /// Draws only these rows of all pictures from now on, or again all rows. The image and [`Renderer::pixels`] have
@@ -25,15 +25,9 @@ impl Renderer {
         self.choice.band_rows(Shot::new(&self.scene, camera))
     }
 
-    /// The reason why pictures of a camera by these options are not drawn in bands; `None` if they can be.
-    pub fn whole_because(options: &Options, camera: &Camera) -> Option<&'static str> {
-        if camera.lens.is_some() || options.rules.response == Response::Ray {
-            Some("pictures along rays are drawn as a whole")
-        } else if options.scale != 1.0 {
-            Some("pictures that are drawn smaller and then enlarged are drawn as a whole")
-        } else {
-            None
-        }
+    /// The reason why pictures by these options are not drawn in bands; `None` if they can be.
+    pub fn whole_because(options: &Options) -> Option<&'static str> {
+        (options.scale != 1.0).then_some("pictures that are drawn smaller and then enlarged are drawn as a whole")
     }
     /// Renders a band of a picture into `image`, in the place of the renderer's own.
     ///

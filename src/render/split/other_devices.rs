@@ -82,11 +82,11 @@ impl OtherDevices {
         })
     }
 
-    /// True if pictures of a camera are drawn in bands: they can be, and it pays by the time of the last picture.
-    pub fn are_used(&self, camera: &Camera) -> bool {
+    /// True if pictures are drawn in bands: they can be, and it pays by the time of the last picture.
+    pub fn are_used(&self) -> bool {
         !self.workers.is_empty()
             && self.cost_ms >= self.pays_from_ms
-            && Renderer::whole_because(&self.options, camera).is_none()
+            && Renderer::whole_because(&self.options).is_none()
     }
 
     /// Takes over the GPU time of a picture that the renderer drew alone, in milliseconds.
