@@ -70,6 +70,10 @@ impl Planar {
         (tangential + prism, by_tangential + by_prism)
     }
 
+    fn is_radial(&self) -> bool {
+        (self.tangential, self.prism) == ([0.0; 2], [0.0; 4])
+    }
+
     /// The radius of a disc, up to `end`, in which the map is certainly one-to-one: there, the symmetric part of the
     /// Jacobian is positive definite, or that of each of two maps in turn. Without tangential and prism terms this is
     /// the fold, the first radius at which the mapped radius no longer grows.
@@ -88,7 +92,7 @@ impl Planar {
         let across = product(&n, &m);
         let along = sum(&across, 1.0, &product(&[0.0, 1.0], &turn));
         let ([p1, p2], [s1, s2, s3, s4]) = (self.tangential, self.prism);
-        if [p1, p2, s1, s2, s3, s4] == [0.0; 6] {
+        if self.is_radial() {
             return first(&along, end);
         }
         let (w, u) = (p1.hypot(p2), [s1.hypot(s3), 2.0 * s2.hypot(s4)]);
@@ -125,6 +129,7 @@ impl Planar {
                     (b + aside, by_b + DMat2::IDENTITY)
                 }))
             }
+            false if self.is_radial() => unbent(wanted),
             false => newton(wanted, unbent(wanted), fold, |b| self.map(b)),
         };
         let is_found = self.map(b).0.distance(wanted) < LARGEST_RESIDUAL * wanted.length().max(1.0);

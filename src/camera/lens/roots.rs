@@ -69,6 +69,9 @@ pub(super) fn bisected(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool)
     }
 }
 
+/// Relative size of a step of Newton's method that may be the rounding of a value.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
 /// The place in (0, `end`) at which a growing function, given with its slope, has the value `wanted`: close below `end`
 /// if it is less there. By Newton's method, and by bisection where a step leaves the interval or does not halve it.
 pub(super) fn solved(end: f64, wanted: f64, function: impl Fn(f64) -> [f64; 2]) -> f64 {
@@ -83,7 +86,12 @@ pub(super) fn solved(end: f64, wanted: f64, function: impl Fn(f64) -> [f64; 2]) 
         }
         let step = (wanted - value) / slope;
         let next = x + step;
-        let is_newton = next > low && next < high && step.abs() < 0.5 * last_step;
+        let comes_closer = step.abs() < 0.5 * last_step;
+        // What is left is the rounding of the value. A bisection would begin anew.
+        if step.abs() <= f64::EPSILON * x || !comes_closer && step.abs() <= ROUNDING * x {
+            return x;
+        }
+        let is_newton = next > low && next < high && comes_closer;
         let next = if is_newton { next } else { 0.5 * (low + high) };
         last_step = (next - x).abs();
         // Rounding of the last step, or an interval without a number inside.

@@ -147,7 +147,7 @@ impl FastRaysPipeline {
             spans: &work.spans,
             counters: &work.counters,
             lens_table: &tables.table,
-            footprints: &tables.lens.footprints,
+            footprints: &tables.lens.footprints.table,
             cells: &tables.cells.cells,
         };
         let keys = depth_keys(shot, &self.options);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::cells::LensCells;
 use crate::camera::Camera;
 use crate::gpu::{Buffer, Device};
-use crate::render::band::{BAND_ROWS, Band};
+use crate::render::band::Band;
 use crate::render::fast::BinGrid;
 use crate::render::rays::{LensTables, rays, uploaded};
 use crate::render::shaders::fast::BLOCK_WIDTH;
@@ -33,26 +33,22 @@ impl BinTables {
     pub fn new(device: &Device, (camera, band): (&Camera, Band), grid: BinGrid, kept: Option<Self>) -> Result<Self> {
         let known = kept.as_ref().filter(|kept| kept.lens.are_of_lens(camera) && kept.has_blocks_of(grid));
         let known = known.map(|kept| kept.have_planes);
-        let cells = LensCells::new(
-            device,
-            camera.lens.as_ref().context("a pinhole needs no rays")?,
-            kept.map(|kept| kept.cells),
-        )?;
+        let (kept_cells, kept_lens) = kept.map(|kept| (kept.cells, kept.lens)).unzip();
+        let cells = LensCells::new(device, camera.lens.as_ref().context("a pinhole needs no rays")?, kept_cells)?;
         let picture = Picture { rays: &rays(camera, band), camera, band };
-        let lens = LensTables::new(device, (camera, band), picture.rays)?;
+        let lens = LensTables::new(device, (camera, band), picture.rays, kept_lens)?;
         let (middle, spread) = picture.sphere();
         let [width, height] = grid.bin_px();
         let bins: Vec<_> = picture.parts(grid.bins, [width, height]).map(|part| picture.bin_rays(&part)).collect();
         let mut table = vec![
             middle.extend(spread).to_array().map(f32::to_bits),
-            [lens.half_sine.to_bits(), lens.widest.to_bits(), camera.is_parallel().into(), 0],
+            [lens.footprints.half_sine.to_bits(), lens.footprints.widest.to_bits(), camera.is_parallel().into(), 0],
         ];
         table.extend(bins.as_flattened());
         let whole = Band::whole(camera.size_px);
         let have_planes = || match band == whole {
             true => picture.has_planes(grid.block_height),
-            false => in_strips(whole)
-                .all(|band| Picture { rays: &rays(camera, band), camera, band }.has_planes(grid.block_height)),
+            false => have_planes(camera, grid.block_height),
         };
         Ok(Self {
             lens,
@@ -81,10 +77,25 @@ impl BinTables {
 /// The least cosine of the angle between a ray of a block and its middle.
 const LEAST_COSINE: f32 = 0.5;
 
-/// Bands of a few rows, in their order: the rays of all pixels of a large picture need much memory.
-fn in_strips(whole: Band) -> impl Iterator<Item = Band> {
-    let rows = 8 * BAND_ROWS;
-    (0..whole.rows).step_by(rows as usize).map(move |top| Band { top, rows: rows.min(whole.rows - top) })
+/// True if all blocks of this height of the whole picture have planes. In a picture that is drawn only in bands, blocks
+/// are so small that the rays of their corners tell.
+fn have_planes(camera: &Camera, block_height: u32) -> bool {
+    let band = Band::whole(camera.size_px);
+    if !Band::is_needed(camera.size_px) {
+        return Picture { rays: &rays(camera, band), camera, band }.has_planes(block_height);
+    }
+    let [width, height] = camera.size_px;
+    let picture = Picture { rays: &[], camera, band };
+    (0..height.div_ceil(block_height)).into_par_iter().all(|row| {
+        (0..width.div_ceil(BLOCK_WIDTH)).all(|column| {
+            let [left, top] = [column * BLOCK_WIDTH, row * block_height];
+            let xs = [left, (left + BLOCK_WIDTH).min(width) - 1];
+            let ys = [top, (top + block_height).min(height) - 1];
+            let corners = ys.into_iter().flat_map(|y| xs.map(|x| DVec2::new(x.into(), y.into()) + 0.5));
+            let rays = corners.filter_map(|place| camera.ray(place).map(|ray| (place, ray)));
+            picture.has_plane(&rays.collect())
+        })
+    })
 }
 
 /// The rays of the pixels of a band, row by row.
@@ -117,10 +128,10 @@ impl Picture<'_> {
 
     /// A sphere around the ends of all rays.
     fn sphere(&self) -> (Vec3, f32) {
-        let all = || self.rays.iter().copied().map(Vec3::from).filter(|ray| *ray != Vec3::ZERO);
-        let Some(low) = all().reduce(Vec3::min) else { return (Vec3::ZERO, f32::NEG_INFINITY) };
-        let middle = 0.5 * low + 0.5 * all().fold(low, Vec3::max);
-        let spread = all().map(|ray| ray.distance(middle)).fold(0.0, f32::max);
+        let all = || self.rays.par_iter().copied().map(Vec3::from).filter(|ray| *ray != Vec3::ZERO);
+        let Some(low) = all().reduce_with(Vec3::min) else { return (Vec3::ZERO, f32::NEG_INFINITY) };
+        let middle = 0.5 * low + 0.5 * all().reduce(|| low, Vec3::max);
+        let spread = all().map(|ray| ray.distance(middle)).reduce(|| 0.0, f32::max);
         (middle, spread * 1.0001 + 1e-6)
     }
 

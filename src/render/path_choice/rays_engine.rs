@@ -45,10 +45,10 @@ impl RaysEngine {
     /// If memory runs out: frames along rays are not drawn in slabs.
     pub fn prepare(&mut self, device: &Device, shot: Shot, portable: &PortablePipeline) -> Result<Limits> {
         let Shot { scene, camera, band, .. } = shot;
-        if !self.tables.as_ref().is_some_and(|tables| tables.lens.suit(camera, band)) {
-            self.tables = None; // frees the old tables before new ones are made
-            self.tables = Some(RayTables::new(device, camera, band)?);
-        }
+        self.tables = Some(match self.tables.take() {
+            Some(tables) if tables.lens.suit(camera, band) => tables,
+            kept => RayTables::new(device, (camera, band), kept)?,
+        });
         let cells = shot.tiles() as usize;
         self.fit(device, Capacity { gaussians: scene.len(), cells, ..Capacity::default() })?;
         let longest_list = portable.longest_list(self.passes);

@@ -169,7 +169,7 @@ impl RaysPipeline {
             view: shot.view(self.options.rules.near),
             gaussians: shot.scene.len() as u32,
             is_parallel: shot.camera.is_parallel().into(),
-            widest: tables.lens.widest,
+            widest: tables.lens.footprints.widest,
             cones: tables.cones.len() as u32,
         };
         cmd.dispatch(&self.cull, bindings, push, DispatchSize::Groups(chunks(shot.scene).into()));
@@ -188,7 +188,7 @@ impl RaysPipeline {
             depth_keys: &work.depths.keys[0],
             tile_counts: &work.tile_counts,
             cones: &tables.cones,
-            footprints: &tables.lens.footprints,
+            footprints: &tables.lens.footprints.table,
             totals: &work.totals,
         };
         let keys = depth_keys(shot, &self.options);
@@ -198,7 +198,7 @@ impl RaysPipeline {
             cones: tables.cones.len() as u32,
             depth_limit: keys.limit(),
             depth_shift: keys.shift,
-            half_sine: tables.lens.half_sine,
+            half_sine: tables.lens.footprints.half_sine,
             large: tables.large,
         };
         let groups = offset_of!(PortableDispatches, over_visible);

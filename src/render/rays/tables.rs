@@ -20,31 +20,33 @@ pub struct LensTables {
     band: Band,
     /// The ray of each pixel of the band in view axes, 0 where there is none.
     pub rays: Buffer<[f32; 3]>,
-    /// Footprints by angle and azimuth: variance away from the axis, covariance, variance around it.
-    pub footprints: Buffer<[f32; 3]>,
-    /// The sine of half the angle of the last row of footprints.
+    pub footprints: LensFootprints,
+}
+
+/// The footprints of directions of one lens and size of picture, on the device.
+pub struct LensFootprints {
+    /// By angle and azimuth: variance away from the axis, covariance, variance around it.
+    pub table: Buffer<[f32; 3]>,
+    /// The sine of half the angle of the last row.
     pub half_sine: f32,
-    /// Of all footprints: the root of the sum of their variances.
+    /// The root of the largest sum of both variances.
     pub widest: f32,
 }
 
 impl LensTables {
-    /// Makes the tables of a camera with a lens from the [`rays`] of the pixels of a band.
+    /// Makes the tables of a camera with a lens from the [`rays`] of the pixels of a band. `kept` may have parts.
     ///
     /// # Errors
     /// If memory runs out, or the camera is a pinhole.
-    pub fn new(device: &Device, (camera, band): (&Camera, Band), rays: &[[f32; 3]]) -> Result<Self> {
-        let of = Footprints::of(camera).context("a pinhole needs no rays")?;
-        let footprints = footprints(&of);
-        let widest = footprints.iter().map(|[along, _, across]| along + across).fold(0.0, f32::max).sqrt();
-        Ok(Self {
-            camera: camera.clone(),
-            band,
-            rays: uploaded(device, "rays of pixels", rays)?,
-            footprints: uploaded(device, "footprints", &footprints)?,
-            half_sine: half_sine(of.limit()) as f32,
-            widest,
-        })
+    pub fn new(
+        device: &Device,
+        (camera, band): (&Camera, Band),
+        rays: &[[f32; 3]],
+        kept: Option<Self>,
+    ) -> Result<Self> {
+        let known = kept.filter(|kept| kept.are_of_lens(camera)).map(|kept| kept.footprints);
+        let footprints = known.map_or_else(|| LensFootprints::new(device, camera), Ok)?;
+        Ok(Self { camera: camera.clone(), band, rays: uploaded(device, "rays of pixels", rays)?, footprints })
     }
 
     /// True if the tables suit a band of the pictures of a camera, wherever it stands.
@@ -60,7 +62,17 @@ impl LensTables {
 
     /// The name and the bytes of every buffer.
     pub fn buffers(&self) -> [(&str, u64); 2] {
-        [self.rays.footprint(), self.footprints.footprint()]
+        [self.rays.footprint(), self.footprints.table.footprint()]
+    }
+}
+
+impl LensFootprints {
+    fn new(device: &Device, camera: &Camera) -> Result<Self> {
+        let of = Footprints::of(camera).context("a pinhole needs no rays")?;
+        let table = footprints(&of);
+        let widest = table.iter().map(|[along, _, across]| along + across).fold(0.0, f32::max).sqrt();
+        let table = uploaded(device, "footprints", &table)?;
+        Ok(Self { table, half_sine: half_sine(of.limit()) as f32, widest })
     }
 }
 
@@ -74,15 +86,15 @@ pub struct RayTables {
 }
 
 impl RayTables {
-    /// Makes the tables of a band of a camera with a lens.
+    /// Makes the tables of a band of a camera with a lens, of which `kept` may have parts.
     ///
     /// # Errors
     /// If memory runs out, or the camera is a pinhole.
-    pub fn new(device: &Device, camera: &Camera, band: Band) -> Result<Self> {
+    pub fn new(device: &Device, (camera, band): (&Camera, Band), kept: Option<Self>) -> Result<Self> {
         let rays = rays(camera, band);
         let cones = cones(&rays, band.size(camera.size_px));
         Ok(Self {
-            lens: LensTables::new(device, (camera, band), &rays)?,
+            lens: LensTables::new(device, (camera, band), &rays, kept.map(|kept| kept.lens))?,
             cones: uploaded(device, "cones of tiles", &cones)?,
             large: LARGE_TILES * mean_spread(&cones),
         })
