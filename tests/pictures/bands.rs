@@ -250,7 +250,7 @@ fn bands_of_other_devices_are_joined_to_the_picture_of_one() {
             let whole = own.render(&camera, BACKGROUND).unwrap();
             let expected = own.pixels().unwrap();
             helping.learn_whole(1e6);
-            assert!(helping.are_used() == (left > 1), "{name}, round {round}");
+            assert!(helping.are_used(&camera) == (left > 1), "{name}, round {round}");
             if left > 1 && round > 0 && size[0] == 100 {
                 helping.lose(left - 2);
                 left -= 1;

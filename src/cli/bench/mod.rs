@@ -228,7 +228,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
                 let bring = |device: &Device| {
                     scene.drawable.source.upload_with(device, &options, Upload::reserving(reserve(size)))
                 };
-                let whole = Renderer::whole_because(&options);
+                let whole = views.iter().find_map(|view| Renderer::whole_because(&options, view));
                 if let Some(why) = whole.filter(|_| args.share == Share::Frame) {
                     remark(&format!("note: --share frame: {why}; each device draws its own"));
                 }

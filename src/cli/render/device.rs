@@ -163,7 +163,7 @@ impl Task<'_> {
 
     /// The reason why it is not drawn band by band; `None` if it can be.
     pub fn whole_because(&self, args: &Args, options: &Options) -> Option<&'static str> {
-        let whole = Renderer::whole_because(options);
+        let whole = Renderer::whole_because(options, &self.shot.camera);
         if whole.is_some() {
             whole
         } else if args.certificate.is_some() || args.dump.is_some() || args.measure_levels.is_some() {

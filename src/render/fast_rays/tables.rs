@@ -45,10 +45,11 @@ impl BinTables {
             [lens.footprints.half_sine.to_bits(), lens.footprints.widest.to_bits(), camera.is_parallel().into(), 0],
         ];
         table.extend(bins.as_flattened());
+        let has_planes = |picture: Picture| picture.has_planes(grid.block_height);
         let whole = Band::whole(camera.size_px);
         let have_planes = || match band == whole {
-            true => picture.has_planes(grid.block_height),
-            false => have_planes(camera, grid.block_height),
+            true => has_planes(picture),
+            false => has_planes(Picture { rays: &rays(camera, whole), camera, band: whole }),
         };
         Ok(Self {
             lens,
@@ -76,27 +77,6 @@ impl BinTables {
 
 /// The least cosine of the angle between a ray of a block and its middle.
 const LEAST_COSINE: f32 = 0.5;
-
-/// True if all blocks of this height of the whole picture have planes. In a picture that is drawn only in bands, blocks
-/// are so small that the rays of their corners tell.
-fn have_planes(camera: &Camera, block_height: u32) -> bool {
-    let band = Band::whole(camera.size_px);
-    if !Band::is_needed(camera.size_px) {
-        return Picture { rays: &rays(camera, band), camera, band }.has_planes(block_height);
-    }
-    let [width, height] = camera.size_px;
-    let picture = Picture { rays: &[], camera, band };
-    (0..height.div_ceil(block_height)).into_par_iter().all(|row| {
-        (0..width.div_ceil(BLOCK_WIDTH)).all(|column| {
-            let [left, top] = [column * BLOCK_WIDTH, row * block_height];
-            let xs = [left, (left + BLOCK_WIDTH).min(width) - 1];
-            let ys = [top, (top + block_height).min(height) - 1];
-            let corners = ys.into_iter().flat_map(|y| xs.map(|x| DVec2::new(x.into(), y.into()) + 0.5));
-            let rays = corners.filter_map(|place| camera.ray(place).map(|ray| (place, ray)));
-            picture.has_plane(&rays.collect())
-        })
-    })
-}
 
 /// The rays of the pixels of a band, row by row.
 #[derive(Clone, Copy)]

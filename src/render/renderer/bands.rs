@@ -10,7 +10,7 @@ use crate::render::band::Band;
 use crate::render::frame::Shot;
 use crate::render::recorded::{Counted, FRAME, Frame, Recorded};
 use crate::render::slabs::SlabbedFrame;
-use crate::rules::Background;
+use crate::rules::{Background, Response};
 
 impl Renderer {
     /// Draws only these rows of all pictures from now on, or again all rows. The image and [`Renderer::pixels`] have
@@ -25,9 +25,17 @@ impl Renderer {
         self.choice.band_rows(Shot::new(&self.scene, camera))
     }
 
-    /// The reason why pictures by these options are not drawn in bands; `None` if they can be.
-    pub fn whole_because(options: &Options) -> Option<&'static str> {
-        (options.scale != 1.0).then_some("pictures that are drawn smaller and then enlarged are drawn as a whole")
+    /// The reason why pictures of a camera by these options are not drawn in bands; `None` if they can be.
+    pub fn whole_because(options: &Options, camera: &Camera) -> Option<&'static str> {
+        if options.scale != 1.0 {
+            Some("pictures that are drawn smaller and then enlarged are drawn as a whole")
+        } else if (camera.lens.is_some() || options.rules.response == Response::Ray) && Band::is_needed(camera.size_px)
+        {
+            // The path rays is faster from end to end: the tables of bands take longer on the host than they save.
+            Some("pictures along rays of more than 29 megapixels are drawn as a whole")
+        } else {
+            None
+        }
     }
     /// Renders a band of a picture into `image`, in the place of the renderer's own.
     ///

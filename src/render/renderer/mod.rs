@@ -361,7 +361,7 @@ impl Renderer {
             shown.prepare_rays(&self.device, &self.options, self.scene.layout())?;
         }
         let band = self.band.unwrap_or(Band::whole(camera.size_px));
-        if let Some(why) = self.band.and_then(|_| Self::whole_because(&self.options)) {
+        if let Some(why) = self.band.and_then(|_| Self::whole_because(&self.options, camera)) {
             bail!("a band of a picture cannot be drawn: {why}");
         }
         let unit = if self.band.is_some() { self.band_rows(camera) } else { 1 };

@@ -21,7 +21,7 @@ use crate::rules::Background;
 
 /// The GPU time of a picture from which bands pay, in milliseconds: the pixels of bands are copied twice, and the
 /// frames of the first device no longer overlap (docs/films.md).
-pub const PAYS_FROM_MS: f64 = 3.0;
+pub const PAYS_FROM_MS: f64 = 5.0;
 
 /// The form in which bands come to the first device: the fewest bytes that a screen needs.
 const COLOURS: Integers = Integers::Rgb8;
@@ -82,11 +82,11 @@ impl OtherDevices {
         })
     }
 
-    /// True if pictures are drawn in bands: they can be, and it pays by the time of the last picture.
-    pub fn are_used(&self) -> bool {
+    /// True if pictures of a camera are drawn in bands: they can be, and it pays by the time of the last picture.
+    pub fn are_used(&self, camera: &Camera) -> bool {
         !self.workers.is_empty()
             && self.cost_ms >= self.pays_from_ms
-            && Renderer::whole_because(&self.options).is_none()
+            && Renderer::whole_because(&self.options, camera).is_none()
     }
 
     /// Takes over the GPU time of a picture that the renderer drew alone, in milliseconds.

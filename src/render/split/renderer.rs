@@ -71,7 +71,7 @@ impl SplitRenderer {
     }
 
     fn bands(&mut self, camera: &Camera) -> Vec<Band> {
-        if Renderer::whole_because(&self.options).is_some() {
+        if Renderer::whole_because(&self.options, camera).is_some() {
             return vec![Band::whole(camera.size_px)];
         }
         let units = self.workers.iter().map(|worker| worker.part().queue.renderer().band_rows(camera));

@@ -395,7 +395,7 @@ impl Drawn {
     ) -> Result<(Recorded, bool)> {
         let is_plain = self.inspection == Inspection::default() && self.marks.as_ref().is_some_and(Marks::are_none);
         let sharing = self.sharing.as_mut().filter(|_| may_share && is_plain);
-        let sharing = sharing.filter(|sharing| sharing.devices.are_used());
+        let sharing = sharing.filter(|sharing| sharing.devices.are_used(camera));
         self.is_rounded = sharing.is_some();
         let recorded = match sharing {
             Some(Sharing { devices, .. }) => devices.record(&mut self.renderer, cmd, camera, background)?,
