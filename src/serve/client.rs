@@ -242,6 +242,12 @@ impl Client {
     /// Ends what runs for a client that has left.
     pub fn leave(&mut self) {
         self.offscreen.viewer().export.cancel.cancel();
+        self.offscreen.viewer().measuring.running.iter().for_each(|running| running.cancel.cancel());
+    }
+
+    /// True while options are being chosen.
+    pub fn is_choosing(&self) -> bool {
+        self.offscreen.session.viewer.measuring.choosing().is_some()
     }
 
     /// True while the float64 reference or a picture is being made ready.

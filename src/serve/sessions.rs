@@ -188,14 +188,15 @@ impl Sessions {
         Ok(())
     }
 
-    /// The reason why a message has to wait: references and films of several clients would take turns on the same
-    /// threads, also those of clients that have left.
+    /// The reason why a message has to wait: references, films and choices of several clients would take turns on
+    /// the same threads, also those of clients that have left.
     fn busy(&self, message: &ClientMessage) -> Option<&'static str> {
         let (is_busy, why): (fn(&Client) -> bool, _) = match message {
             ClientMessage::Compare { with } if with == "reference" => {
                 (Client::is_comparing, "a float64 reference is being drawn: ask again when it is done")
             }
             ClientMessage::Film { .. } => (Client::is_filming, "a film is being written: ask again when it is done"),
+            ClientMessage::Budget { .. } => (Client::is_choosing, "options are being chosen: ask again when they are"),
             _ => return None,
         };
         if !self.is_read {

@@ -169,3 +169,33 @@ fn a_view_is_compared_with_its_photograph() {
     let picture = client.exact();
     assert_eq!(picture.pixels.get_pixel(SIZE[0] - 30, SIZE[1] / 2).0, [200, 40, 20], "the photograph is on the right");
 }
+
+/// Options are chosen within a budget as in the window, one choice at a time; what cannot be is refused. The choice
+/// itself is tested in the window, since it takes long.
+#[test]
+fn options_are_chosen_by_a_budget() {
+    let server = Server::start(&["cactus:300"]);
+    let mut client = Client::connect(&server);
+    client.exact();
+    for (budget, why) in [
+        (json!({ "max-error": 0 }), "from 0.00001 to 1"),
+        (json!({ "min-psnr": 400 }), "from 20 to 120"),
+        (json!({ "min-psnr": null }), "no message"),
+        (json!({}), "no message"),
+    ] {
+        let said = refused(&mut client, json!({ "do": "budget", "budget": budget }));
+        assert!(said.contains(why), "{budget}: {said}");
+    }
+    // One that is stopped changes nothing, and is not in the way of another.
+    client.say(json!({ "do": "preset", "name": "exact" }));
+    client.until(|state| state["preset"] == "exact");
+    client.say(json!({ "do": "budget", "budget": { "max-error": 0.2 } }));
+    client.until(|state| state["choosing"].is_number());
+    assert!(refused(&mut client, json!({ "do": "budget", "budget": { "max-error": 0.1 } })).contains("chosen"));
+    client.say(json!({ "do": "stop-budget" }));
+    let state = client.until(|state| state["choosing"].is_null());
+    // It may have been done before.
+    assert!(state["preset"] == "exact" || state["chosen"].is_string(), "{state}");
+    client.say(json!({ "do": "budget", "budget": { "max-error": 0.3 } }));
+    client.until(|state| state["choosing"].is_number());
+}

@@ -355,6 +355,11 @@ function showState() {
     made.hidden = isOfLevels && !state.has_levels;
     put(made.querySelector('[data-knob]'), state.knobs[i]);
   });
+  const isChoosing = state.choosing !== null;
+  at('choosing').hidden = at('stop-budget').hidden = !isChoosing;
+  if (isChoosing) at('choosing').value = state.choosing;
+  at('choose').disabled = isChoosing;
+  at('chosen').textContent = state.chosen || '';
   put(at('look'), state.look);
   const look = welcome.looks.find(({ name }) => name === state.look);
   at('scale').hidden = !look.has_scale;
@@ -668,6 +673,13 @@ at('preset').addEventListener('change', ({ target }) => {
   if (!target.value) return;
   say({ do: 'preset', name: target.value });
 });
+at('budget-kind').addEventListener('change', ({ target }) => {
+  at('budget').value = target.value === 'min-psnr' ? 60 : 0.02;
+});
+at('choose').addEventListener('click', () => {
+  say({ do: 'budget', budget: { [at('budget-kind').value]: Number(at('budget').value) } });
+});
+at('stop-budget').addEventListener('click', () => say({ do: 'stop-budget' }));
 at('look').addEventListener('change', ({ target }) => {
   say({ do: 'look', name: target.value, range: null });
 });

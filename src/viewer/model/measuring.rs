@@ -1,5 +1,6 @@
 //! Measurements in the window: costs of knobs, options for an error budget, cameras against photographs.
 
+use std::ops::RangeInclusive;
 use std::time::Instant;
 
 use super::comparison::PictureContent;
@@ -43,6 +44,10 @@ pub enum Purpose {
     Evaluation,
 }
 
+/// The budgets that can be kept.
+pub const MAX_ERRORS: RangeInclusive<f64> = 1e-5..=1.0;
+pub const MIN_PSNRS: RangeInclusive<f64> = 20.0..=120.0;
+
 /// A running measurement.
 pub struct Measurement {
     pub purpose: Purpose,
@@ -55,6 +60,11 @@ pub struct Measurement {
 }
 
 impl Measuring {
+    /// The fraction of choosing options that is done, while they are chosen.
+    pub fn choosing(&self) -> Option<f64> {
+        self.running.as_ref().filter(|running| running.purpose == Purpose::Choice).map(|running| running.fraction)
+    }
+
     /// Registers a measurement and cancels the one that runs.
     pub fn begin(&mut self, purpose: Purpose, content: Option<PictureContent>) -> Cancel {
         let (since, cancel) = (Instant::now(), Cancel::default());

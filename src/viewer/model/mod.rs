@@ -89,7 +89,7 @@ pub(crate) use level_error::LevelError;
 pub(crate) use loaded_scene::{LoadedScene, OpenedScene, are_same};
 pub use measures::MeasureKind;
 pub(crate) use measures::{LengthUnit, Measure, Measures};
-pub(crate) use measuring::{Measurement, Purpose};
+pub(crate) use measuring::{MAX_ERRORS, MIN_PSNRS, Measurement, Purpose};
 pub(crate) use photographs::{Photographs, camera_of, holds_photographs};
 pub(crate) use plan::{Drawn, MeasuredScene, Pair, Plan, Reusable, Second, Side, needs_whole};
 pub(crate) use project::{PROJECT_ENDING, PlacedScene, Project, ProjectView, is_project, relative_to};

@@ -5,7 +5,7 @@ use egui::{ComboBox, DragValue, Grid, ProgressBar, RichText, Ui};
 use crate::options::{KNOBS, Kind, Knob, Options, Value};
 use crate::rules::Rules;
 use crate::viewer::jobs::{ALL_KNOBS, KnobCost};
-use crate::viewer::model::{Measurement, Pair, Purpose, RateControl, Request, Viewer};
+use crate::viewer::model::{MAX_ERRORS, MIN_PSNRS, Measurement, Pair, Purpose, RateControl, Request, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     presets(viewer, ui);
@@ -193,8 +193,8 @@ fn budget(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         ui.selectable_value(&mut budget.is_psnr, false, "error");
         ui.selectable_value(&mut budget.is_psnr, true, "dB");
         match budget.is_psnr {
-            true => ui.add(DragValue::new(&mut budget.min_psnr).range(20.0..=120.0)),
-            false => ui.add(DragValue::new(&mut budget.max_error).speed(0.001).range(1e-5..=1.0)),
+            true => ui.add(DragValue::new(&mut budget.min_psnr).range(MIN_PSNRS)),
+            false => ui.add(DragValue::new(&mut budget.max_error).speed(0.001).range(MAX_ERRORS)),
         };
         let button = egui::Button::new("Choose");
         if ui.add_enabled(viewer.measuring.running.is_none() && pair.first.is_some(), button).clicked() {

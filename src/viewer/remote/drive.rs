@@ -2,11 +2,14 @@
 
 use egui::{Event, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
 
-use super::messages::{Button, ClientMessage, CompareBy, Held, InputEvent};
+use super::messages::{BudgetEntry, Button, ClientMessage, CompareBy, Held, InputEvent};
 use crate::camera::Timeline;
 use crate::options::{Knob, Options};
 use crate::viewer::frame::Session;
-use crate::viewer::model::{ACTIONS, Action, Chord, CompareMode, CompareTarget, Measures, Request, Viewer, view_mode};
+use crate::viewer::model::{
+    ACTIONS, Action, Chord, CompareMode, CompareTarget, MAX_ERRORS, MIN_PSNRS, Measures, Purpose, Request, Viewer,
+    needs_whole, view_mode,
+};
 
 /// The actions of messages that are done at once. Those on files, the clipboard and the window are not among them.
 pub(super) const ACTS: [Action; 13] = [
@@ -91,6 +94,15 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
             viewer.options = turned;
         }
         ClientMessage::Preset { name } => viewer.options = viewer.preset(&preset(&name)?),
+        ClientMessage::Budget { .. } if viewer.measuring.running.is_some() => {
+            return Err("something is being measured: ask again when it is done".to_owned());
+        }
+        ClientMessage::Budget { budget } => choose(session, budget)?,
+        ClientMessage::StopBudget => {
+            // The user may be measuring something else.
+            let running = viewer.measuring.running.iter().filter(|running| running.purpose == Purpose::Choice);
+            running.for_each(|running| running.cancel.cancel());
+        }
         ClientMessage::Look { name, range } => look(viewer, &name, range)?,
         ClientMessage::Camera { index } if index >= viewer.cameras.list.len() => {
             return Err(format!("there is no camera {index}"));
@@ -225,6 +237,28 @@ fn mode_of(mode: CompareBy) -> CompareMode {
 }
 
 /// The keys that are held with others from an event on; `None` if they are those before.
+/// Begins to choose options.
+fn choose(session: &mut Session, budget: BudgetEntry) -> Result<(), String> {
+    let (wanted, range) = match budget {
+        BudgetEntry::MaxError(error) => (error, MAX_ERRORS),
+        BudgetEntry::MinPsnr(psnr) => (psnr, MIN_PSNRS),
+    };
+    if !range.contains(&wanted) {
+        return Err(format!("this budget is from {} to {}", range.start(), range.end()));
+    }
+    let Some(first) = &session.pair.first else { return Err("there is no picture yet".to_owned()) };
+    if first.measured().is_none() {
+        return Err(needs_whole("choosing options"));
+    }
+    let own = &mut session.viewer.measuring.budget;
+    match budget {
+        BudgetEntry::MaxError(error) => (own.is_psnr, own.max_error) = (false, error),
+        BudgetEntry::MinPsnr(psnr) => (own.is_psnr, own.min_psnr) = (true, psnr),
+    }
+    session.viewer.requests.push(Request::Choose);
+    Ok(())
+}
+
 fn held_keys(event: &InputEvent) -> Option<Modifiers> {
     match event {
         InputEvent::Button { held, .. } | InputEvent::Key { held, .. } => Some(modifiers(*held)),

@@ -37,6 +37,11 @@ pub enum ClientMessage {
     Set { knob: String, value: String },
     /// Take the options of a preset.
     Preset { name: String },
+    /// Choose the fastest options for which pictures of the current view, and of some cameras of the file, differ from
+    /// those of `exact` no more than this. It takes seconds to minutes.
+    Budget { budget: BudgetEntry },
+    /// Stop choosing options.
+    StopBudget,
     /// Show something in place of colours: a name of `looks`.
     Look {
         name: String,
@@ -93,6 +98,16 @@ pub enum ClientMessage {
     Shown { picture: u32 },
     /// Answered at once with [`ServerMessage::Pong`].
     Ping { time: f64 },
+}
+
+/// The largest difference of pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum BudgetEntry {
+    /// Of a channel of a pixel, in colour values: 0.00001 to 1.
+    MaxError(f64),
+    /// The PSNR in dB: 20 to 120.
+    MinPsnr(f64),
 }
 
 /// How two pictures are shown.
@@ -274,6 +289,10 @@ pub struct State {
     pub preset: Option<String>,
     /// The values of all knobs, in the order of [`Welcome::knobs`].
     pub knobs: Vec<String>,
+    /// The fraction of choosing options by a budget that is done; null while nothing is chosen.
+    pub choosing: Option<f64>,
+    /// What was chosen last, and what it keeps.
+    pub chosen: Option<String>,
     /// A camera has a photograph to compare with.
     pub has_photographs: bool,
     pub look: String,

@@ -105,6 +105,8 @@ pub fn state(session: &mut Session) -> State {
         cameras: viewer.cameras.list.len(),
         preset: preset_name(|preset| viewer.preset(preset) == viewer.options).map(str::to_owned),
         knobs: KNOBS.iter().map(|knob| (knob.get)(&viewer.options).to_string()).collect(),
+        choosing: viewer.measuring.choosing(),
+        chosen: viewer.measuring.budget.chosen.clone(),
         has_photographs: viewer.cameras.have_photographs(),
         look: settings.view_mode().name.to_owned(),
         range: settings.ranges[settings.mode],
