@@ -23,7 +23,7 @@ use smalto::options::Options;
 use smalto::pixels::Integers;
 use smalto::render::shaders::PortableDispatches;
 use smalto::render::shaders::portable::*;
-use smalto::render::{Band, Packer, Pairs, RadixSort, SortRange, SortScratch, Splat, Totals, Unpacker};
+use smalto::render::{Band, PackedBand, Packer, Pairs, RadixSort, SortRange, SortScratch, Splat, Totals, Unpacker};
 
 /// A stage with its input, ready to run again and again.
 struct Bench<'a> {
@@ -135,8 +135,8 @@ fn pack(device: &Device, integers: Integers, size: [u32; 2]) -> Result<Bench<'_>
 /// The way back of half a picture, with the copy from host memory.
 fn unpack(device: &Device, size: [u32; 2]) -> Result<Bench<'_>> {
     let image = Image::new(device, "image", size[0], size[1])?;
-    let bands = [(Band { top: size[1] / 2, rows: size[1] / 2 }, 0)];
-    let half = bands[0].0.size(size);
+    let bands = [PackedBand { band: Band { top: size[1] / 2, rows: size[1] / 2 }, first_word: 0 }];
+    let half = bands[0].band.size(size);
     let packed = Staging::new(device, "bands", Integers::Rgb8.words(half))?;
     let mut unpacker = Unpacker::new(device)?;
     unpacker.fit(device, packed.len())?;

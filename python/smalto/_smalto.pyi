@@ -280,8 +280,8 @@ class SplitRenderer:
     several milliseconds; small pictures are drawn faster by one, and sets of pictures by one `Renderer` for each
     device. `devices` is "all", or a list of numbers and parts of names, like [0, 1]. `memory` is the most memory to
     take on each device, in bytes. Other arguments are those of `Renderer`. A device that is lost is left out with a
-    warning, and the others draw. Pictures along rays and below the scale 1 are drawn by the first device. Errors:
-    ValueError, DeviceError, MemoryError."""
+    warning, and the others draw. Pictures below the scale 1, and those along rays of more than 29 megapixels, are drawn
+    by the first device. Errors: ValueError, DeviceError, MemoryError."""
     def __init__(
         self,
         scene: Scene,

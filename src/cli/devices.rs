@@ -7,7 +7,7 @@ use clap::builder::NonEmptyStringValueParser;
 use super::environment::Environment;
 use super::headings::DEVICE;
 use super::pipeline_cache::with_pipeline_cache;
-use super::{remark, say, values};
+use super::{Usage, remark, say, values};
 use crate::gpu::{Capabilities, Device, DeviceChoice, DeviceKind, MemoryUse, Validation, different_kinds, survey};
 use crate::threads::{self, joined};
 
@@ -128,7 +128,7 @@ impl DevicesArgs {
         Ok(match self.device.as_deref() {
             None => vec![environment.device.clone()],
             Some("all") => all(&survey()?),
-            Some(named) if named.contains(',') => several(named, &survey()?),
+            Some(named) if named.contains(',') => several(named, &survey()?)?,
             Some(named) => vec![DeviceChoice::from(named)],
         })
     }
@@ -161,10 +161,16 @@ fn open(choice: &DeviceChoice, environment: &Environment, memory: MemoryArg) -> 
 }
 
 /// The devices of a list. A list that is a part of a device's name, which may hold commas, means that device.
-fn several(list: &str, devices: &[Capabilities]) -> Vec<DeviceChoice> {
+///
+/// # Errors
+/// If a device of the list has no name.
+fn several(list: &str, devices: &[Capabilities]) -> Result<Vec<DeviceChoice>, Usage> {
     let is_name = devices.iter().any(|device| device.name.to_lowercase().contains(&list.to_lowercase()));
-    let names = if is_name { vec![list] } else { list.split(',').collect() };
-    names.into_iter().map(|name| DeviceChoice::from(name.trim())).collect()
+    let names: Vec<&str> = if is_name { vec![list] } else { list.split(',').map(str::trim).collect() };
+    if names.iter().any(|name| name.is_empty()) {
+        return Err(Usage(format!("--device {list}: a device between commas has no number and no name")));
+    }
+    Ok(names.into_iter().map(DeviceChoice::from).collect())
 }
 
 /// Every device of a machine that can be used: GPUs, or software devices where there are no GPUs.

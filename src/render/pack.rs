@@ -48,6 +48,13 @@ impl Packer {
     }
 }
 
+/// A band that lies packed, as [`Integers::Rgb8`], from a word on.
+#[derive(Clone, Copy, Debug)]
+pub struct PackedBand {
+    pub band: Band,
+    pub first_word: usize,
+}
+
 /// The stage that brings colours of 8 bits back into a picture, and its buffer.
 pub struct Unpacker {
     stage: Stage<Unpack>,
@@ -68,11 +75,11 @@ impl Unpacker {
         Ok(())
     }
 
-    /// Records the copy of bands to `image`, each from a word of `packed` on, where it lies as [`Integers::Rgb8`].
-    pub fn record(&self, cmd: &mut Commands, packed: &Staging<u32>, bands: &[(Band, usize)], image: &Image) {
+    /// Records the copy of the bands that lie in `packed` to `image`.
+    pub fn record(&self, cmd: &mut Commands, packed: &Staging<u32>, bands: &[PackedBand], image: &Image) {
         cmd.upload_staged(packed, &self.packed, packed.len());
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        for (band, first_word) in bands {
+        for PackedBand { band, first_word } in bands {
             let size_px = band.size(image.size());
             let push = UnpackPush { size_px, top: band.top, first_word: *first_word as u32 };
             let bindings = UnpackBindings { image, packed: &self.packed };

@@ -93,16 +93,8 @@ fn devices_that_draw_bands_write_the_same_files() {
     fs::write(&film, format!("[{},{}]", frame(8192, 3712), frame(64, 96))).unwrap();
     let text = ok(&["render", "cactus:300", "--cameras", &film, "--camera", "all", "-o", &path(&folder, "large")]);
     assert!(text.contains("8192x3712") && text.contains("64x96") && !text.contains("portable path"), "{text}");
-    let along_rays = ["--lens", "OPENCV_FISHEYE:0.01,0,0,0", "--no-clobber"];
-    let [alone, shared] = [&["views"], &["frame"]].map(|share| {
-        let file = path(&folder, &format!("rays-{}.png", share[0]));
-        let of = ["render", "cactus:2000", "--size", "70x300", "--device", &devices, "-o", &file];
-        ok(&[&of[..], &along_rays, &["--share", share[0]]].concat());
-        fs::read(file).unwrap()
-    });
-    assert!(alone == shared, "bands along rays");
-    let notes = notes(&[&one[..], &["--share", "frame", "--scale", "0.5"]].concat());
-    assert!(notes.contains("pictures that are drawn smaller and then enlarged are drawn as a whole"), "{notes}");
+    let notes = notes(&[&one[..], &["--share", "frame", "--response", "ray"]].concat());
+    assert!(notes.contains("pictures along rays are drawn as a whole"), "{notes}");
 }
 
 #[test]

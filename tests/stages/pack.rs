@@ -8,8 +8,8 @@ use smalto::options::Options;
 use smalto::pixels::{Integers, Pixels};
 use smalto::procedural::{Procedural, cactus};
 use smalto::render::{
-    Band, Capacity, Form, FrameOutputs, FrameQueue, GpuScene, HostFrame, Inspection, Look, Packer, Renderer, Unpacker,
-    Work,
+    Band, Capacity, Form, FrameOutputs, FrameQueue, GpuScene, HostFrame, Inspection, Look, PackedBand, Packer,
+    Renderer, Unpacker, Work,
 };
 use smalto::rules::Background;
 
@@ -84,7 +84,7 @@ fn unpack_is_the_inverse_of_pack() {
         bytes[4 * first_words[1]..][..colours.len() - own].copy_from_slice(&colours[own..]);
         let image = Image::new(&gpu.0, "image", width, height).unwrap();
         let mut cmd = Commands::new(&gpu.0).unwrap();
-        let places = [(bands[0], first_words[0]), (bands[1], first_words[1])];
+        let places = [0, 1].map(|i| PackedBand { band: bands[i], first_word: first_words[i] });
         unpacker.fit(&gpu.0, words).unwrap();
         unpacker.record(&mut cmd, &host, &places, &image);
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);

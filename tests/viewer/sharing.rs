@@ -4,7 +4,7 @@ use smalto::gpu::Validation;
 use smalto::options::Options;
 use smalto::render::SelectionMode;
 use smalto::rules::Rules;
-use smalto::viewer::{Change, CompareTarget, Offscreen, Property, Selection, Setup, Tab};
+use smalto::viewer::{Change, CompareTarget, Offscreen, Property, Selection, Setup, Tab, view_mode};
 
 use super::frames::{open, rendered, setup, shown};
 use crate::common::{Gpu, open as open_device};
@@ -12,11 +12,11 @@ use crate::common::{Gpu, open as open_device};
 /// Draws the next frames in bands, if they can be, whatever their time is; returns the number of bands.
 fn bands(offscreen: &mut Offscreen) -> usize {
     let first = offscreen.session.pair.first.as_mut().unwrap();
-    let devices = &mut first.sharing.as_mut().unwrap().devices;
-    devices.pay_from(0.0);
+    first.sharing.iter_mut().for_each(|sharing| sharing.devices.pay_from(0.0));
     offscreen.viewer().pictures.are_stale = true;
     offscreen.settle().unwrap();
-    offscreen.session.pair.first.as_ref().unwrap().sharing.as_ref().unwrap().devices.last_bands().len()
+    let first = offscreen.session.pair.first.as_ref().unwrap();
+    first.sharing.as_ref().map_or(0, |sharing| sharing.devices.last_bands().len())
 }
 
 /// The pictures are those of one device for all options. Edited and inspected ones, and those of a lower scale, are
@@ -40,10 +40,21 @@ fn a_window_with_several_devices_shows_the_bits_of_one() {
     assert_eq!(bands(&mut offscreen), 2);
     let picture = shown(&mut offscreen);
     // A look, and back.
-    offscreen.viewer().inspector.settings.mode = 1;
-    offscreen.settle().unwrap();
-    assert_eq!(bands(&mut offscreen), 0);
-    assert!(shown(&mut offscreen) != picture);
+    let mut alone = open(&gpu, setup(&["cactus:3000"]));
+    for look in ["evaluations", "alpha", "transmittance-left"] {
+        // Also at once, where the last picture was in bands.
+        for offscreen in [&mut offscreen, &mut alone] {
+            offscreen.viewer().options = options;
+            offscreen.viewer().inspector.settings.mode = view_mode(look).unwrap();
+            offscreen.settle().unwrap();
+        }
+        assert!(shown(&mut offscreen) == shown(&mut alone), "{look}");
+        assert_eq!(bands(&mut offscreen), 0, "{look}");
+        assert!(shown(&mut offscreen) == shown(&mut alone) && shown(&mut offscreen) != picture, "{look}");
+        offscreen.viewer().inspector.settings.mode = 0;
+        offscreen.settle().unwrap();
+        assert_eq!(bands(&mut offscreen), 2);
+    }
     offscreen.viewer().inspector.settings.mode = 0;
     offscreen.settle().unwrap();
     assert_eq!(bands(&mut offscreen), 2);
@@ -58,10 +69,11 @@ fn a_window_with_several_devices_shows_the_bits_of_one() {
     messages.retract(&said);
     assert_eq!(bands(&mut offscreen), 0);
     assert!(shown(&mut offscreen) == picture);
-    // A later build begins with all devices again, which have the scene.
+    // Later builds do without it.
     offscreen.viewer().options = Options { rules: Rules { near, ..Options::EXACT.rules }, ..Options::EXACT };
     offscreen.settle().unwrap();
-    assert_eq!(bands(&mut offscreen), 2);
+    assert_eq!(bands(&mut offscreen), 0);
+    assert!(offscreen.viewer().setup.other_devices.is_empty());
     assert_eq!(other.validation_messages(), Vec::<String>::new());
 }
 
@@ -77,8 +89,15 @@ fn marked_gaussians_are_drawn_by_the_first_device() {
     offscreen.settle().unwrap();
     offscreen.viewer().change(Change::Hide);
     offscreen.settle().unwrap();
+    // Messages are over the picture.
+    let texts = Vec::from_iter(offscreen.viewer().messages.shown().iter().map(|message| message.text.clone()));
+    texts.iter().for_each(|text| offscreen.viewer().messages.retract(text));
     assert_eq!(bands(&mut offscreen), 0);
-    assert!(shown(&mut offscreen) != picture, "some Gaussians are hidden");
+    let edited = offscreen.session.pair.first.as_ref().unwrap().plan.edited().unwrap();
+    let (camera, options) = (offscreen.viewer().view.camera(), offscreen.viewer().options);
+    let expected = gpu.render(&edited, &camera, &options);
+    let now = shown(&mut offscreen);
+    assert!(now != picture && now.to_rgb8() == expected.to_rgb8(), "some Gaussians are hidden");
     assert_eq!(other.validation_messages(), Vec::<String>::new());
 }
 

@@ -163,9 +163,13 @@ impl Task<'_> {
 
     /// The reason why it is not drawn band by band; `None` if it can be.
     pub fn whole_because(&self, args: &Args, options: &Options) -> Option<&'static str> {
-        let whole = Renderer::whole_because(options, &self.shot.camera);
+        let camera = &self.shot.camera;
+        let whole = Renderer::whole_because(options, camera);
         if whole.is_some() {
             whole
+        } else if Renderer::is_along_rays(options, camera) {
+            // Each band would need tables of its own, which take the host longer than the device saves.
+            Some("pictures along rays are drawn as a whole")
         } else if args.certificate.is_some() || args.dump.is_some() || args.measure_levels.is_some() {
             Some("--certificate, --dump and --measure-levels draw whole pictures")
         } else if self.is_of_video {

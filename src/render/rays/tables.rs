@@ -106,9 +106,6 @@ impl RayTables {
     }
 }
 
-/// The bytes that a thread copies at once.
-const COPIED: usize = 1 << 20;
-
 /// A buffer that holds `values`.
 ///
 /// # Errors
@@ -116,10 +113,7 @@ const COPIED: usize = 1 << 20;
 pub(in crate::render) fn uploaded<T: Element>(device: &Device, name: &str, values: &[T]) -> Result<Buffer<T>> {
     let buffer = Buffer::new(device, name, values.len())?;
     let mut cmd = Commands::new(device)?;
-    cmd.upload(&buffer, 0, values.len(), |memory| {
-        let parts = bytemuck::cast_slice_mut::<T, u8>(memory).par_chunks_mut(COPIED);
-        parts.zip(bytemuck::cast_slice(values).par_chunks(COPIED)).for_each(|(to, from)| to.copy_from_slice(from));
-    })?;
+    cmd.upload(&buffer, 0, values.len(), |memory| memory.copy_from_slice(values))?;
     cmd.submit()?.wait()?;
     Ok(buffer)
 }

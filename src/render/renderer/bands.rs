@@ -29,14 +29,19 @@ impl Renderer {
     pub fn whole_because(options: &Options, camera: &Camera) -> Option<&'static str> {
         if options.scale != 1.0 {
             Some("pictures that are drawn smaller and then enlarged are drawn as a whole")
-        } else if (camera.lens.is_some() || options.rules.response == Response::Ray) && Band::is_needed(camera.size_px)
-        {
+        } else if Self::is_along_rays(options, camera) && Band::is_needed(camera.size_px) {
             // The path rays is faster from end to end: the tables of bands take longer on the host than they save.
             Some("pictures along rays of more than 29 megapixels are drawn as a whole")
         } else {
             None
         }
     }
+
+    /// True if pictures of a camera by these options are drawn along the rays of their pixels.
+    pub fn is_along_rays(options: &Options, camera: &Camera) -> bool {
+        camera.lens.is_some() || options.rules.response == Response::Ray
+    }
+
     /// Renders a band of a picture into `image`, in the place of the renderer's own.
     ///
     /// # Errors

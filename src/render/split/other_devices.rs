@@ -3,31 +3,35 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use rayon::prelude::*;
 
 use super::balance::Balance;
 use super::worker::{DrawnBand, LostDevice, Order, Worker, cost_ms, draw_together};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Image, Staging, Timing};
+use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Integers;
 use crate::render::band::Band;
 use crate::render::frame_queue::{Form, FrameOutputs};
-use crate::render::pack::Unpacker;
+use crate::render::pack::{PackedBand, Unpacker};
 use crate::render::recorded::{Frame, Recorded};
 use crate::render::renderer::Renderer;
 use crate::render::slabs::SlabbedFrame;
 use crate::rules::Background;
 
-/// The GPU time of a picture from which bands pay, in milliseconds: the pixels of bands are copied twice, and the
-/// frames of the first device no longer overlap (docs/films.md).
+/// The GPU time of a picture from which bands are tried, in milliseconds: the pixels of bands are copied twice, and the
+/// frames of the first device no longer overlap.
 pub const PAYS_FROM_MS: f64 = 5.0;
+
+/// Frames in bands until one is drawn by the first device alone, to see which is faster; and frames that are drawn so
+/// if bands are not.
+const TRIED: u32 = 100;
+
+/// The part of the time of a frame that bands must save at least.
+const GAIN: f64 = 0.03;
 
 /// The form in which bands come to the first device: the fewest bytes that a screen needs.
 const COLOURS: Integers = Integers::Rgb8;
-
-/// The bytes that a thread copies at once.
-const COPIED: usize = 1 << 20;
 
 /// The name of the time in which the first device waits for the bands of the others.
 const OTHERS: &str = "other devices";
@@ -46,8 +50,14 @@ pub struct OtherDevices {
     /// Devices that were lost since the last call of [`OtherDevices::take_lost`].
     lost: Vec<LostDevice>,
     last_bands: Vec<DeviceBand>,
-    /// The GPU time of the last picture on all devices together, in milliseconds.
-    cost_ms: f64,
+    /// The GPU time of the last picture that the first device drew alone, in milliseconds.
+    alone_ms: f64,
+    /// The time of the last picture in bands, from its begin until all bands were there, in milliseconds.
+    shared_ms: f64,
+    /// Pictures in bands since the last one that the first device drew alone.
+    tried: u32,
+    /// Pictures that the first device draws alone before the next one in bands.
+    left_alone: u32,
     pays_from_ms: f64,
 }
 
@@ -77,22 +87,61 @@ impl OtherDevices {
             band_image: Image::new(device, "band", 1, 1)?,
             lost: Vec::new(),
             last_bands: Vec::new(),
-            cost_ms: 0.0,
+            alone_ms: 0.0,
+            shared_ms: 0.0,
+            tried: 0,
+            left_alone: 0,
             pays_from_ms: PAYS_FROM_MS,
         })
     }
 
-    /// True if pictures of a camera are drawn in bands: they can be, and it pays by the time of the last picture.
+    /// True if the next picture of a camera is drawn in bands: it can be, and it pays by the times of the last ones.
+    /// Pictures along rays would need other tables whenever a border moves; pictures that the first device alone draws
+    /// on the portable path would change by rounding.
     pub fn are_used(&self, camera: &Camera) -> bool {
         !self.workers.is_empty()
-            && self.cost_ms >= self.pays_from_ms
+            && self.left_alone == 0
+            && self.alone_ms >= self.pays_from_ms
+            && !Renderer::is_along_rays(&self.options, camera)
+            && !Band::is_needed(camera.size_px)
             && Renderer::whole_because(&self.options, camera).is_none()
     }
 
     /// Takes over the GPU time of a picture that the renderer drew alone, in milliseconds.
-    pub fn learn_whole(&mut self, ms: f64) {
-        self.cost_ms = ms;
+    pub fn learn_alone(&mut self, ms: f64) {
+        let is_tried = self.tried > 0;
+        (self.alone_ms, self.tried) = (ms, 0);
         self.last_bands.clear();
+        self.left_alone = self.left_alone.saturating_sub(1);
+        if is_tried && self.pays_from_ms > 0.0 && self.shared_ms > (1.0 - GAIN) * ms {
+            self.left_alone = TRIED;
+        }
+    }
+
+    /// Draws a picture of `renderer` in bands, like `record_bands`. If that takes too much memory, the
+    /// renderer draws it alone, as all later ones.
+    ///
+    /// # Errors
+    /// If the renderer's own device is lost, or its memory runs out.
+    pub fn record(
+        &mut self,
+        renderer: &mut Renderer,
+        cmd: &mut Commands,
+        camera: &Camera,
+        background: Background,
+    ) -> Result<Recorded> {
+        let recorded = self.record_bands(renderer, cmd, camera, background);
+        let Err(problem) = recorded else { return recorded };
+        if !problem.is::<OutOfMemory>() {
+            return Err(problem);
+        }
+        let name = format!("{} other devices", self.workers.len());
+        self.lost.push(LostDevice { place: 0, name, error: problem });
+        self.workers.clear();
+        self.packed.clear();
+        self.last_bands.clear();
+        self.band_image = Image::new(&self.device, "band", 1, 1)?;
+        renderer.record(cmd, camera, background)
     }
 
     /// Draws a picture of `renderer` in bands, and records the copies that join them. The picture is complete when the
@@ -102,7 +151,7 @@ impl OtherDevices {
     ///
     /// # Errors
     /// If the renderer's own device is lost, or its memory runs out.
-    pub fn record(
+    fn record_bands(
         &mut self,
         renderer: &mut Renderer,
         cmd: &mut Commands,
@@ -152,16 +201,20 @@ impl OtherDevices {
         for (worker, band) in self.workers.iter().zip(others) {
             worker.part().host = band.host;
         }
+        self.shared_ms = 1e3 * order.started.elapsed().as_secs_f64();
+        self.tried += 1;
+        let is_to_be_compared = self.tried >= TRIED || self.shared_ms > self.alone_ms;
+        self.left_alone = u32::from(self.pays_from_ms > 0.0 && is_to_be_compared);
         recorded
     }
 
-    /// The pixels of the bands in memory that the first device reads, and the first word of each band.
-    fn packed(&mut self, bands: &mut [DrawnBand]) -> Result<(Staging<u32>, Vec<(Band, usize)>)> {
+    /// The pixels of the bands in memory that the first device reads, and their places there.
+    fn packed(&mut self, bands: &mut [DrawnBand]) -> Result<(Staging<u32>, Vec<PackedBand>)> {
         let mut words = 0;
         let mut place = |band: &DrawnBand| {
-            let first = words;
+            let first_word = words;
             words += COLOURS.words(band.host.size());
-            (band.band, first)
+            PackedBand { band: band.band, first_word }
         };
         let places = Vec::from_iter(bands.iter().map(&mut place));
         // Memory of a size that is no longer needed is freed.
@@ -171,11 +224,10 @@ impl OtherDevices {
             None => Staging::new(&self.device, "bands", words)?,
         };
         let memory = packed.map();
-        for (band, (_, first)) in bands.iter_mut().zip(&places) {
+        for (band, place) in bands.iter_mut().zip(&places) {
             let bytes = band.host.integers(COLOURS).context("bands have colours")?;
-            let memory = bytemuck::cast_slice_mut::<u32, u8>(&mut memory[*first..]);
-            let parts = memory[..bytes.len()].par_chunks_mut(COPIED).zip(bytes.par_chunks(COPIED));
-            parts.for_each(|(to, from)| to.copy_from_slice(from));
+            // Not by the pool that shares work: a long job there would keep the window waiting.
+            bytemuck::cast_slice_mut::<u32, u8>(&mut memory[place.first_word..])[..bytes.len()].copy_from_slice(bytes);
         }
         Ok((packed, places))
     }
@@ -193,7 +245,6 @@ impl OtherDevices {
         let last_bands = std::iter::once(own).chain(others);
         self.last_bands = last_bands.map(|(device, band, ms)| DeviceBand { device, band, ms }).collect();
         let times = Vec::from_iter(self.last_bands.iter().map(|band| band.ms));
-        self.cost_ms = times.iter().sum();
         self.balance.learn(&times);
     }
 
@@ -202,15 +253,20 @@ impl OtherDevices {
         &self.last_bands
     }
 
+    /// The name and the bytes of every buffer on the first device.
+    pub fn buffers(&self) -> [(&str, u64); 1] {
+        [("band", self.band_image.bytes())]
+    }
+
     /// The devices that failed since the last call, in this order.
     pub fn take_lost(&mut self) -> Vec<LostDevice> {
         std::mem::take(&mut self.lost)
     }
 
-    /// Draws pictures in bands from another GPU time on, for tests.
+    /// Draws pictures in bands from another GPU time on, and from 0 on whether they are faster or not, for tests.
     #[doc(hidden)]
     pub fn pay_from(&mut self, ms: f64) {
-        self.pays_from_ms = ms;
+        (self.pays_from_ms, self.left_alone) = (ms, 0);
     }
 
     /// Loses a device in the next frame, for tests.

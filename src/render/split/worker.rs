@@ -63,7 +63,7 @@ pub struct DrawnBand {
     pub frame: Frame,
     /// From the begin of the frame until the pixels of the band were in host memory.
     pub latency: Duration,
-    /// The pixels of the band. The renderer keeps them if they are given back: [`SplitRenderer::recycle`].
+    /// The pixels of the band. A renderer uses their memory again if it is given back.
     pub host: HostFrame,
 }
 

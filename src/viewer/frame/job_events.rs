@@ -161,32 +161,30 @@ fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Sid
     }
 }
 
-fn handle_shared(viewer: &mut Viewer, pair: &mut Pair, generation: u64, sharing: Result<Box<Sharing>>) {
-    viewer.pictures.is_sharing = false;
+fn handle_shared(viewer: &mut Viewer, pair: &mut Pair, generation: u64, sharing: Result<(Sharing, Vec<String>)>) {
+    viewer.pictures.is_sharing &= viewer.pictures.shared != Some(generation);
     let Some(first) = pair.first.as_mut().filter(|first| first.generation == generation) else { return };
     match sharing {
-        Ok(mut sharing) => {
-            sharing.devices.learn_whole(first.frame.gpu_ms());
-            first.sharing = Some(*sharing);
+        Ok((mut sharing, failed)) => {
+            sharing.devices.learn_alone(first.frame.gpu_ms());
+            first.sharing = Some(sharing);
             viewer.pictures.are_stale = true;
+            failed.iter().for_each(|text| viewer.remark_on_devices(text));
         }
-        Err(problem) => viewer.messages.note(format!("the other devices draw no bands: {problem:#}")),
+        Err(problem) => viewer.remark_on_devices(&format!("the other devices draw no bands: {problem:#}")),
     }
 }
 
 /// Prepares the other devices for the first picture, once it is drawn.
 fn share(viewer: &mut Viewer, pair: &Pair, device: &Device) {
-    let first = pair.first.as_ref().filter(|first| viewer.pictures.shared != Some(first.generation));
-    let Some(plan) = first.and_then(Drawn::sharing_plan) else { return };
-    let (device, others, generation) = (device.clone(), viewer.setup.other_devices.clone(), plan.generation);
-    if others.is_empty() || viewer.pictures.is_sharing || viewer.pictures.is_any_building() {
+    if viewer.setup.other_devices.is_empty() || viewer.pictures.is_sharing || viewer.pictures.is_any_building() {
         return;
     }
+    let first = pair.first.as_ref().filter(|first| viewer.pictures.shared != Some(first.generation));
+    let Some(plan) = first.and_then(|first| first.sharing_plan(&viewer.view.camera())) else { return };
+    let (device, others, generation) = (device.clone(), viewer.setup.other_devices.clone(), plan.generation);
     (viewer.pictures.shared, viewer.pictures.is_sharing) = (Some(generation), true);
-    viewer.jobs.start(
-        move |_| plan.build(&device, &others).map(Box::new),
-        move |sharing| JobEvent::Shared(generation, sharing),
-    );
+    viewer.jobs.start(move |_| plan.build(&device, &others), move |sharing| JobEvent::Shared(generation, sharing));
 }
 
 /// Starts the builds of planned pictures, and drops pictures that are no longer planned.

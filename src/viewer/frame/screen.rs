@@ -231,14 +231,20 @@ impl Screen {
     }
 
     /// Records the drawing of the pictures of `pair`. [`Screen::show`] submits and shows them.
-    pub fn draw(&mut self, pair: &mut Pair, camera: &Camera, background: Background, times_stages: bool) -> Result<()> {
+    /// `quantity` is what will be shown of them.
+    pub fn draw(
+        &mut self,
+        pair: &mut Pair,
+        (camera, background): (&Camera, Background),
+        quantity: Quantity,
+        times_stages: bool,
+    ) -> Result<()> {
+        let may_share = pair.may_share(quantity);
         self.wait_for_slot(pair)?;
         let mut cmd = Commands::new(&self.device)?;
         // Each timestamp costs time on the GPU, and only the panels show stages.
         cmd.set_timestamps(if times_stages { Timestamps::All } else { Timestamps::Outermost });
         let mut pictures = Vec::new();
-        // Differences are computed from colours that are not rounded.
-        let may_share = pair.second.is_none();
         for (side, drawn) in pair.drawn() {
             let (recorded, is_shared) = drawn.record(&mut cmd, (camera, background), may_share)?;
             let (generation, path) = (drawn.generation, drawn.renderer.path());

@@ -7,6 +7,7 @@ use egui::{ClippedPrimitive, FullOutput, PlatformOutput, RawInput};
 
 use super::job_events;
 use super::screen::{Arrangement, RetiredPicture, Screen, Shown};
+use crate::gpu::DeviceLost;
 use crate::measure::bench::ClockProbe;
 use crate::render::{Compare, Inspection, LostDevice, Marker, Quantity};
 use crate::rules::Response;
@@ -242,7 +243,7 @@ impl Session {
         self.prepare_values()?;
         self.report_edits();
         self.apply_inspection()?;
-        self.viewer.pictures.are_stale |= self.has_wrong_size() || self.pair.is_rounded_in_comparison();
+        self.viewer.pictures.are_stale |= self.has_wrong_size() || self.pair.lacks(self.quantity());
         let draws = self.viewer.pictures.are_stale;
         if draws {
             self.draw()?;
@@ -337,7 +338,8 @@ impl Session {
             }
         }
         let times_stages = self.shows_times();
-        self.screen.draw(&mut self.pair, &camera, background, times_stages)?;
+        let quantity = self.quantity();
+        self.screen.draw(&mut self.pair, (&camera, background), quantity, times_stages)?;
         self.report_lost_devices();
         self.viewer.pictures.view = Some(camera);
         (self.viewer.inspector.snapshot, self.viewer.inspector.depths) = (None, None);
@@ -349,13 +351,21 @@ impl Session {
         Ok(())
     }
 
+    /// What the view mode shows of pictures.
+    fn quantity(&self) -> Quantity {
+        self.viewer.inspector.settings.quantity()
+    }
+
     /// Says which of the other devices draw no bands any more.
     fn report_lost_devices(&mut self) {
-        let sharing = self.pair.first.as_mut().and_then(|first| first.sharing.as_mut());
-        for LostDevice { name, error, .. } in sharing.map_or_else(Vec::new, |sharing| sharing.devices.take_lost()) {
-            let text = format!("{name} draws no bands any more: {error:#}");
-            (self.viewer.setup.remark)(&format!("note: {text}"));
-            self.viewer.messages.note(text);
+        let Some(sharing) = self.pair.first.as_mut().and_then(|first| first.sharing.as_mut()) else { return };
+        for LostDevice { place, name, error } in sharing.devices.take_lost() {
+            let scene = sharing.scenes.remove(place);
+            // Later pictures do not try a lost device again.
+            if error.is::<DeviceLost>() {
+                self.viewer.setup.other_devices.retain(|device| !scene.is_on(device));
+            }
+            self.viewer.remark_on_devices(&format!("{name} draws no bands any more: {error:#}"));
         }
     }
 
@@ -446,7 +456,7 @@ impl Session {
                     first.frame.totals = totals;
                     first.path = path;
                     if let (Some(ms), Some(sharing)) = (alone_ms, &mut first.sharing) {
-                        sharing.devices.learn_whole(ms);
+                        sharing.devices.learn_alone(ms);
                     }
                 }
             }

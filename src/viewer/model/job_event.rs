@@ -54,8 +54,8 @@ pub enum JobEvent {
     Cameras(PathBuf, Origin, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
     Built(Side, Result<Box<Drawn>>),
-    /// The number of a build, and the other devices that can draw bands of its pictures.
-    Shared(u64, Result<Box<Sharing>>),
+    /// The number of a build, the other devices that can draw bands of its pictures, and why others cannot.
+    Shared(u64, Result<(Sharing, Vec<String>)>),
     /// A photograph or the reference: the number of the request, its name, what it shows, and its pixels.
     Picture(u64, String, PictureOf, Result<Pixels>),
     /// The photographs of a folder.

@@ -18,8 +18,8 @@ use crate::packing::{Layout, Statistics};
 use crate::pagefile::PagedScene;
 use crate::pixels::Pixels;
 use crate::render::{
-    Frame, GpuScene, Inspection, JoinedScenes, LimitSearch, Marker, Path, Recorded, Renderer, Residency, SampledPsnr,
-    SceneSource, Step, Upload,
+    Frame, GpuScene, Inspection, JoinedScenes, LimitSearch, Marker, Path, Quantity, Recorded, Renderer, Residency,
+    SampledPsnr, SceneSource, Step, Upload,
 };
 use crate::rules::Background;
 use crate::scene::{Gaussians, Transform};
@@ -188,10 +188,7 @@ impl Plan {
         };
         let mut layout = layout_of(&statistics);
         let same_threshold = |old: &Reusable| old.plan.options.rules.alpha_min == options.rules.alpha_min;
-        let upload = |source: &Source| {
-            let pixels: u64 = view.size_px.iter().map(|side| u64::from(*side)).product();
-            source.upload(device, &options, Upload::reserving(BYTES_PER_PIXEL * pixels))
-        };
+        let upload = |source: &Source| source.upload(device, &options, upload_of(view.size_px));
         let mut is_edited = reusable.as_ref().is_some_and(|old| old.is_edited);
         let reused = reusable.filter(|old| old.layout == layout && same_threshold(old));
         let is_reused = reused.is_some();
@@ -358,6 +355,11 @@ pub fn needs_whole(what: &str) -> String {
 /// Device memory for pictures and panels, per pixel of the window.
 const BYTES_PER_PIXEL: u64 = 64;
 
+/// An upload that leaves memory for pictures of this size.
+fn upload_of(size_px: [u32; 2]) -> Upload {
+    Upload::reserving(BYTES_PER_PIXEL * size_px.iter().map(|side| u64::from(*side)).product::<u64>())
+}
+
 impl Drawn {
     /// The parts that another build may reuse.
     pub fn reusable(&self) -> Reusable {
@@ -372,10 +374,15 @@ impl Drawn {
         }
     }
 
-    /// What other devices need to draw bands of the pictures; `None` if they do, or the scene is drawn in pages.
-    pub fn sharing_plan(&self) -> Option<SharingPlan> {
-        (self.sharing.is_none() && !self.scene.is_paged()).then(|| SharingPlan {
-            options: self.plan.options,
+    /// What other devices need to draw bands of the pictures of a view; `None` if they do, or if such pictures are
+    /// drawn by one device: in pages, along rays, or at a lower scale.
+    pub fn sharing_plan(&self, view: &Camera) -> Option<SharingPlan> {
+        let options = &self.plan.options;
+        let is_alone = Renderer::is_along_rays(options, view) || Renderer::whole_because(options, view).is_some();
+        let can_share = !self.scene.is_paged() && !is_alone;
+        (self.sharing.is_none() && can_share).then(|| SharingPlan {
+            reserve: upload_of(view.size_px),
+            options: *options,
             source: self.source.clone(),
             scenes: self.other_scenes.clone(),
             generation: self.generation,
@@ -383,7 +390,8 @@ impl Drawn {
     }
 
     /// Records the drawing of a picture. With `may_share`, it is in bands where other devices help and it pays, and the
-    /// function returns true with the frame. Edited and inspected pictures are drawn by the first device.
+    /// function returns true with the frame: its colours are rounded, and it has no alpha. Edited and inspected
+    /// pictures are drawn by the first device.
     ///
     /// # Errors
     /// If memory runs out or the device is lost.
@@ -396,9 +404,13 @@ impl Drawn {
         let is_plain = self.inspection == Inspection::default() && self.marks.as_ref().is_some_and(Marks::are_none);
         let sharing = self.sharing.as_mut().filter(|_| may_share && is_plain);
         let sharing = sharing.filter(|sharing| sharing.devices.are_used(camera));
-        self.is_rounded = sharing.is_some();
+        self.is_rounded = false;
         let recorded = match sharing {
-            Some(Sharing { devices, .. }) => devices.record(&mut self.renderer, cmd, camera, background)?,
+            Some(Sharing { devices, .. }) => {
+                let recorded = devices.record(&mut self.renderer, cmd, camera, background)?;
+                self.is_rounded = !devices.last_bands().is_empty();
+                recorded
+            }
             None => self.renderer.record(cmd, camera, background)?,
         };
         Ok((recorded, self.is_rounded))
@@ -516,7 +528,8 @@ impl Drawn {
 
     /// Device memory: name and bytes of every buffer.
     pub fn buffers(&self) -> Vec<(String, u64)> {
-        let all = self.scene.buffers().into_iter().chain(self.renderer.buffers());
+        let shared = self.sharing.iter().flat_map(|sharing| sharing.devices.buffers());
+        let all = self.scene.buffers().into_iter().chain(self.renderer.buffers()).chain(shared);
         all.map(|(name, bytes)| (name.to_owned(), bytes)).collect()
     }
 }
@@ -547,9 +560,15 @@ impl Second {
 }
 
 impl Pair {
-    /// True if the first picture is compared, but its colours are rounded.
-    pub fn is_rounded_in_comparison(&self) -> bool {
-        self.second.is_some() && self.first.as_ref().is_some_and(|first| first.is_rounded)
+    /// True if pictures may be drawn in bands, whose colours are rounded and which have no alpha: nothing but colours
+    /// of the first is shown.
+    pub fn may_share(&self, quantity: Quantity) -> bool {
+        self.second.is_none() && quantity == Quantity::Colour
+    }
+
+    /// True if the first picture is in bands although more is shown of it than they have.
+    pub fn lacks(&self, quantity: Quantity) -> bool {
+        !self.may_share(quantity) && self.first.as_ref().is_some_and(|first| first.is_rounded)
     }
 
     /// The pictures that the GPU draws, by side.

@@ -134,6 +134,12 @@ impl Viewer {
         self.view.is_flying || self.view.navigator.is_gliding() || self.film.is_playing || is_dragged
     }
 
+    /// Says in the window and in the terminal what is to be known of devices.
+    pub fn remark_on_devices(&mut self, text: &str) {
+        (self.setup.remark)(&format!("note: {text}"));
+        self.messages.note(text);
+    }
+
     /// True if pixel values of the pictures are needed on the host.
     pub fn needs_snapshot(&self) -> bool {
         let has_numbers = self.inspector.settings.quantity() != Quantity::Colour;

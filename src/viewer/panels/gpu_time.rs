@@ -77,8 +77,8 @@ fn devices(sharing: &Sharing, ui: &mut Ui) {
     let bands = sharing.devices.last_bands();
     if bands.is_empty() {
         ui.label("one device draws").on_hover_text(format!(
-            "Bands on several devices pay from {PAYS_FROM_MS} ms of GPU time, and are of pictures in colours, without \
-             edits, at full scale and not along rays"
+            "Bands on several devices are tried from {PAYS_FROM_MS} ms of GPU time on, and kept where they are faster. \
+             They are of pictures in colours, without edits, at full scale and not along rays"
         ));
     }
     for DeviceBand { device, band, ms } in bands {

@@ -142,6 +142,12 @@ pub fn is_of_render(session: &Session) -> bool {
         && settings.quantity() == Quantity::Colour
         && viewer.comparison.target == CompareTarget::Nothing
         && session.residency().is_none_or(|pages| pages.missing == 0)
+        && session
+            .pair
+            .first
+            .as_ref()
+            .and_then(|first| first.sharing.as_ref())
+            .is_none_or(|sharing| sharing.is_of_one_kind())
         && viewer.command_line(Program::Render).1.is_empty()
 }
 

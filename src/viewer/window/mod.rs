@@ -23,7 +23,7 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy}
 use winit::window::{Fullscreen, Window, WindowId};
 
 use self::fault::FaultKind;
-use crate::gpu::{DeviceLost, Unavailable};
+use crate::gpu::{Device, DeviceLost, Unavailable, different_kinds};
 use crate::host_memory::OutOfMemory;
 use crate::viewer::frame::{FrameOutput, Screen, Session, Shown};
 use crate::viewer::model::{Event, Jobs, Viewer, WindowRequest};
@@ -118,6 +118,8 @@ impl App {
             .map_err(|e| Unavailable(format!("no window can be opened: {e}")))?;
         let window = Arc::new(window);
         let device = setup.open_device(&window)?;
+        let all = Vec::from_iter(setup.viewer.other_devices.iter().chain([&device]).cloned());
+        different_kinds(&all).iter().for_each(|note| (setup.viewer.remark)(note));
         let size = window.inner_size();
         let screen = Screen::of_window(&device, &window, setup.viewer.vsync)?;
         let proxy = self.proxy.clone();
@@ -236,9 +238,11 @@ impl ApplicationHandler<Wake> for App {
 impl OpenWindow {
     /// Closes the window; returns all validation messages.
     fn close(self) -> Vec<String> {
-        let (device, mut messages) = (self.session.screen.device().clone(), self.validation);
+        let mut devices = self.session.viewer.setup.other_devices.clone();
+        devices.push(self.session.screen.device().clone());
+        let mut messages = self.validation;
         drop(self.session);
-        messages.extend(device.validation_messages());
+        messages.extend(devices.iter().flat_map(Device::validation_messages));
         messages
     }
 

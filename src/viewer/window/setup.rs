@@ -8,7 +8,7 @@ use winit::monitor::MonitorHandle;
 use winit::window::{Fullscreen, Window, WindowAttributes};
 
 use super::fault::Fault;
-use crate::gpu::{Device, DeviceChoice, Validation, different_kinds};
+use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::viewer::model::{RecentState, Setup};
 
 /// Name of the program and of its entry in the menus of desktops.
@@ -42,8 +42,6 @@ impl WindowSetup {
     pub(crate) fn open_device(&self, window: &Window) -> Result<Device> {
         let device = Device::open_for(&self.device, self.validation, window)?;
         let device = device.with_shaders(self.shaders.as_deref())?.with_memory_limit(self.memory)?;
-        let all = Vec::from_iter(self.viewer.other_devices.iter().chain([&device]).cloned());
-        different_kinds(&all).iter().for_each(|note| (self.viewer.remark)(note));
         Ok((self.with_pipeline_cache)(device))
     }
 
