@@ -118,8 +118,8 @@ impl OtherDevices {
         }
     }
 
-    /// Draws a picture of `renderer` in bands, like `record_bands`. If that takes too much memory, the
-    /// renderer draws it alone, as all later ones.
+    /// Draws a picture of `renderer` in bands, as `record_bands` does. If the first device has too little memory for
+    /// that, the renderer draws this picture and all later ones alone.
     ///
     /// # Errors
     /// If the renderer's own device is lost, or its memory runs out.
@@ -135,7 +135,7 @@ impl OtherDevices {
         if !problem.is::<OutOfMemory>() {
             return Err(problem);
         }
-        let name = format!("{} other devices", self.workers.len());
+        let name = Vec::from_iter(self.workers.iter().map(|worker| worker.device.as_str())).join(", ");
         self.lost.push(LostDevice { place: 0, name, error: problem });
         self.workers.clear();
         self.packed.clear();
