@@ -117,9 +117,13 @@ fn frames_in_bands_are_measured_on_two_instances_of_a_device() {
     assert!(split["slowest_over_mean"]["min"].as_f64().unwrap() >= 1.0);
     assert!(devices.iter().all(|device| device["stages"].as_array().unwrap().len() > 5));
 
-    let lens = ["--device", &format!("{device},{device}"), "--share", "frame", "--response", "ray"];
-    let text = ok(&quick("cactus:2000", &lens));
-    assert!(text.contains(" frames per second on 2 devices: "), "{text}");
+    let devices = format!("{device},{device}");
+    for (option, expected) in
+        [(["--response", "ray"], "in bands on 2 devices"), (["--scale", "0.5"], " frames per second on 2 devices: ")]
+    {
+        let text = ok(&quick("cactus:2000", &[&["--device", &devices, "--share", "frame"], &option[..]].concat()));
+        assert!(text.contains(expected), "{text}");
+    }
 }
 
 /// A device whose loops end after some rounds draws such views on the portable path, after an attempt on the fast one.
