@@ -1,7 +1,7 @@
 //! Fits parents to pictures of their children, and measures the remaining difference.
 
 use super::difference::Difference;
-use super::node::Nodes;
+use super::node::{Node, Nodes};
 use super::raster::{Drawing, LANES, Pixel, Splats, Window, directions};
 use crate::scene::harmonics;
 
@@ -13,6 +13,9 @@ const ROUND_DIRECTIONS: usize = 3;
 const LEAST_ALPHA: f32 = 0.05;
 /// Most pixels along the diagonal of a picture.
 const MOST_PX: f64 = 256.0;
+/// Parents narrower than this part of a pixel keep what they were merged to. Their pictures cannot show what they lack:
+/// they would become hard discs with gaps, where a group holds distant wide Gaussians, too.
+const LEAST_PX: f64 = 0.05;
 
 /// The remaining difference between parents and children.
 pub struct Residual {
@@ -37,19 +40,21 @@ fn pixel_width(parents: &Nodes, children: &Nodes) -> f64 {
     parents.width().max(diagonal / MOST_PX).max(1e-18)
 }
 
-/// Fits the new parents, and measures them. The others are copies of their child.
+/// Fits the new parents that pictures show, and measures all new ones. The others are copies of their child.
 pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Residual {
     let px = pixel_width(parents, children);
+    let widths = Vec::from_iter(parents.nodes.iter().map(Node::width));
     let (mut drawing, mut residuals) = (Drawing::default(), Vec::new());
     let views = directions().map(|direction| {
         let window = Window::around(children, direction, px);
         Splats::of(children, window).draw(children, &mut drawing);
         View { width: window.width, children: drawing.pixels.clone(), parents: Splats::of(parents, window) }
     });
+    let is_fitted = |i: usize| is_new[i] && widths[i] >= LEAST_PX * px;
     for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
         let mut corrections = vec![Correction::default(); parents.len()];
         some.iter().for_each(|view| view.compare(parents, (&mut drawing, &mut residuals), &mut corrections));
-        for (i, correction) in corrections.iter().enumerate().filter(|(i, _)| is_new[*i]) {
+        for (i, correction) in corrections.iter().enumerate().filter(|(i, _)| is_fitted(*i)) {
             correction.apply(parents, i);
         }
     }
@@ -150,4 +155,34 @@ fn measure(views: &[View], (parents, is_new): (&Nodes, &[bool]), px: f64, drawin
     // If pixels of 4 px keep the fraction e of the difference, it falls with the square beyond 4 px sqrt(e).
     let kept = if sums[0] > 0.0 { (sums[2] / sums[0]).sqrt() } else { 1.0 };
     Residual { squared_errors, reference_width: px * (4.0 * kept).clamp(0.5, 4.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lod::merge::parent;
+
+    /// The opacity of four Gaussians at one place that are merged to one, before and after the fit. A fifth, at this
+    /// distance, stays.
+    fn opacities(distance: f32) -> [f32; 2] {
+        let (mut children, sh) = (Nodes::new(0), [[0.5; 3]]);
+        for x in [0.0, 0.0, 0.0, 0.0, distance] {
+            children.push(Node::leaf([x, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.01; 3], 1.0), &sh);
+        }
+        let (merged, sh_of_merged) = parent(&children, &[0, 1, 2, 3]);
+        let mut parents = Nodes::new(0);
+        parents.push(merged, &sh_of_merged);
+        parents.push(children.nodes[4], &sh);
+        fit(&children, &mut parents, &[true, false]);
+        [merged.opacity, parents.nodes[0].opacity]
+    }
+
+    /// Where pixels are 25 times as wide, the four Gaussians are below the threshold of alphas and the merged one is not.
+    #[test]
+    fn parents_that_pictures_hardly_show_stay_as_merged() {
+        let [merged, fitted] = opacities(0.1);
+        assert!(merged != fitted, "{merged}");
+        let [merged, fitted] = opacities(110.0);
+        assert_eq!(merged, fitted);
+    }
 }

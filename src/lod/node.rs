@@ -53,6 +53,11 @@ impl Node {
         axes * axes.transpose()
     }
 
+    /// The side of a square of its [`Node::area`].
+    pub fn width(&self) -> f64 {
+        self.area().sqrt()
+    }
+
     /// The area of its projection, averaged over all directions, up to a constant: the sum of the three faces of the
     /// box around the ellipsoid.
     pub fn area(&self) -> f64 {
@@ -133,7 +138,7 @@ impl Nodes {
 
     /// The width of the median node.
     pub fn width(&self) -> f64 {
-        median(self.nodes.iter().map(|node| node.area().sqrt()).collect())
+        median(self.nodes.iter().map(Node::width).collect())
     }
 
     /// The nodes with these indices.
