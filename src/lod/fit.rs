@@ -177,7 +177,7 @@ mod tests {
         [merged.opacity, parents.nodes[0].opacity]
     }
 
-    /// Where pixels are 25 times as wide, the four Gaussians are below the threshold of alphas and the merged one is not.
+    /// Where pixels are 25 times as wide, the four are below the threshold of alphas, and the merged one is not.
     #[test]
     fn parents_that_pictures_hardly_show_stay_as_merged() {
         let [merged, fitted] = opacities(0.1);

@@ -136,8 +136,8 @@ fn measured_errors_are_near_the_prediction() {
             let Some(predicted_psnr) = predicted_psnr.filter(|db| (10.0..45.0).contains(db)) else { continue };
             judged += 1;
             shown.push(format!("{zoom}: {nodes:.0} nodes, {predicted_psnr:.1} dB predicted, {measured:.1} shown"));
-            // The prediction counts hidden nodes, and at a distance errors decrease faster than predicted: it is nearly a
-            // lower bound. Errors in one direction may be larger than the mean of several.
+            // The prediction counts hidden nodes, and at a distance errors decrease faster than predicted: it is nearly
+            // a lower bound. Errors in one direction may be larger than the mean of several.
             assert!((-6.0..35.0).contains(&(measured - predicted_psnr)), "{shown:?}");
         }
         assert!(judged >= 2, "{shown:?}");

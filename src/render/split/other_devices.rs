@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 
 use super::balance::Balance;
-use super::worker::{DrawnBand, LostDevice, Order, Worker, cost_ms, draw_together};
+use super::worker::{DrawnBand, LostDevice, Order, Worker, all_drawn, band_rows, cost_ms, draw_together};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Image, Staging, Timing};
 use crate::host_memory::OutOfMemory;
@@ -170,12 +170,12 @@ impl OtherDevices {
                 let drawn = renderer.render_band(&mut self.band_image, bands[0], camera, background);
                 (drawn, Instant::now())
             };
-            let ((own, own_end), mut others) = draw_together(&self.workers, &order, &bands[1..], draw_own);
+            let ((own, own_end), others) = draw_together(&self.workers, &order, &bands[1..], draw_own);
             let (own, wait) = (own?, own_end.elapsed());
-            let Some(place) = others.iter().position(Result::is_err) else {
-                break (own, Vec::from_iter(others.into_iter().map_while(Result::ok)), wait);
+            let (place, error) = match all_drawn(others) {
+                Ok(others) => break (own, others, wait),
+                Err(failed) => failed,
             };
-            let Err(error) = others.swap_remove(place) else { unreachable!("the place of an error") };
             let name = self.workers.remove(place).device.clone();
             self.lost.push(LostDevice { place, name, error });
             self.balance = Balance::new(self.workers.len() + 1);
@@ -233,8 +233,7 @@ impl OtherDevices {
     }
 
     fn bands(&mut self, renderer: &Renderer, camera: &Camera) -> Vec<Band> {
-        let units = self.workers.iter().map(|worker| worker.part().queue.renderer().band_rows(camera));
-        let unit = units.chain([renderer.band_rows(camera)]).max().unwrap_or(1);
+        let unit = renderer.band_rows(camera).max(band_rows(&self.workers, camera));
         self.balance.bands(camera.size_px[1], unit)
     }
 

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, ensure};
 
 use super::balance::Balance;
-use super::worker::{DrawnBand, LostDevice, Order, Worker, draw_together};
+use super::worker::{DrawnBand, LostDevice, Order, Worker, all_drawn, band_rows, draw_together};
 use crate::camera::Camera;
 use crate::gpu::{Device, DeviceLost};
 use crate::options::Options;
@@ -53,13 +53,13 @@ impl SplitRenderer {
         loop {
             ensure!(!self.workers.is_empty(), "no device is left to draw");
             let bands = self.bands(&order.camera);
-            let mut drawn = self.draw(&order, &bands);
-            let Some(lost) = drawn.iter().position(Result::is_err) else {
-                let bands = Vec::from_iter(drawn.into_iter().map_while(Result::ok));
-                self.balance.learn(&Vec::from_iter(bands.iter().map(DrawnBand::cost_ms)));
-                return Ok(SplitFrame { bands, latency: started.elapsed() });
+            let (lost, error) = match all_drawn(self.draw(&order, &bands)) {
+                Ok(bands) => {
+                    self.balance.learn(&Vec::from_iter(bands.iter().map(DrawnBand::cost_ms)));
+                    return Ok(SplitFrame { bands, latency: started.elapsed() });
+                }
+                Err(failed) => failed,
             };
-            let Err(error) = drawn.swap_remove(lost) else { unreachable!("the place of an error") };
             // Any other error would come again, and is given out; so is the loss of the last device.
             if !error.is::<DeviceLost>() || self.workers.len() == 1 {
                 return Err(error);
@@ -74,8 +74,7 @@ impl SplitRenderer {
         if Renderer::whole_because(&self.options, camera).is_some() {
             return vec![Band::whole(camera.size_px)];
         }
-        let units = self.workers.iter().map(|worker| worker.part().queue.renderer().band_rows(camera));
-        self.balance.bands(camera.size_px[1], units.max().unwrap_or(1))
+        self.balance.bands(camera.size_px[1], band_rows(&self.workers, camera))
     }
 
     fn draw(&self, order: &Order, bands: &[Band]) -> Vec<Result<DrawnBand>> {

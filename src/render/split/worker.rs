@@ -102,6 +102,16 @@ pub fn draw_together<T>(
     (first, others.collect())
 }
 
+/// All bands; or the place of the first device that failed, and the reason.
+pub fn all_drawn(drawn: Vec<Result<DrawnBand>>) -> Result<Vec<DrawnBand>, (usize, anyhow::Error)> {
+    drawn.into_iter().enumerate().map(|(place, band)| band.map_err(|error| (place, error))).collect()
+}
+
+/// The bands of all workers may begin at multiples of this many rows.
+pub fn band_rows(workers: &[Worker], camera: &Camera) -> u32 {
+    workers.iter().map(|worker| worker.part().queue.renderer().band_rows(camera)).max().unwrap_or(1)
+}
+
 impl Order {
     /// The same picture, of which a band is drawn.
     pub fn of(&self, band: Band) -> Self {

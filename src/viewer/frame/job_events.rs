@@ -169,9 +169,9 @@ fn handle_shared(viewer: &mut Viewer, pair: &mut Pair, generation: u64, sharing:
             sharing.devices.learn_alone(first.frame.gpu_ms());
             first.sharing = Some(sharing);
             viewer.pictures.are_stale = true;
-            failed.iter().for_each(|text| viewer.remark_on_devices(text));
+            failed.iter().for_each(|failed| viewer.remark(&format!("a device draws no bands: {failed}")));
         }
-        Err(problem) => viewer.remark_on_devices(&format!("the other devices draw no bands: {problem:#}")),
+        Err(problem) => viewer.remark(&format!("the other devices draw no bands: {problem:#}")),
     }
 }
 

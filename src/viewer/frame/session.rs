@@ -313,9 +313,8 @@ impl Session {
             let Some(notice) = drawn.renderer.notice() else { continue };
             if !self.reported_notices.iter().any(|reported| reported == notice) {
                 self.reported_notices.push(notice.to_owned());
-                self.viewer.messages.note(notice);
+                self.viewer.remark(notice);
                 self.layout.repaint_delay = Duration::ZERO;
-                (self.viewer.setup.remark)(&format!("note: {notice}"));
             }
         }
     }
@@ -365,7 +364,7 @@ impl Session {
             if error.is::<DeviceLost>() {
                 self.viewer.setup.other_devices.retain(|device| !scene.is_on(device));
             }
-            self.viewer.remark_on_devices(&format!("{name} draws no bands any more: {error:#}"));
+            self.viewer.remark(&format!("{name} draws no bands any more: {error:#}"));
         }
     }
 

@@ -38,7 +38,7 @@ pub struct SharingPlan {
 
 impl SharingPlan {
     /// Uploads the scene to all `others` at the same time, and makes their renderers. `device` is that of the picture.
-    /// Returns those that can draw, and for each that cannot the reason.
+    /// Returns those that can draw, and for each that cannot its name and the reason.
     ///
     /// # Errors
     /// If the system refuses threads, or none can draw.
@@ -65,7 +65,7 @@ impl SharingPlan {
                     renderers.push((other, renderer));
                     scenes.push(scene);
                 }
-                Err(problem) => failed.push(format!("{} draws no bands: {problem:#}", other.capabilities().name)),
+                Err(problem) => failed.push(format!("{}: {problem:#}", other.capabilities().name)),
             }
         }
         ensure!(!renderers.is_empty(), failed.join("; "));

@@ -134,8 +134,8 @@ impl Viewer {
         self.view.is_flying || self.view.navigator.is_gliding() || self.film.is_playing || is_dragged
     }
 
-    /// Says in the window and in the terminal what is to be known of devices.
-    pub fn remark_on_devices(&mut self, text: &str) {
+    /// Says a note in the window and in the terminal.
+    pub fn remark(&mut self, text: &str) {
         (self.setup.remark)(&format!("note: {text}"));
         self.messages.note(text);
     }
