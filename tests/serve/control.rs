@@ -1,5 +1,6 @@
 //! What a client can do with the viewer.
 
+use image::RgbImage;
 use serde_json::{Value, json};
 use smalto::formats::{SceneFile, write_file};
 use smalto::procedural::cactus;
@@ -49,12 +50,47 @@ fn options_can_be_set_and_undone() {
         (json!({ "do": "act", "action": "screenshot" }), "no action"),
         (json!({ "do": "explain", "pixel": [1_000_000, 0] }), "no pixel"),
         (json!({ "do": "show", "scene": 7, "is_shown": true }), "no scene"),
+        (json!({ "do": "place", "scene": 1, "placement": placed(0.0, 1.0) }), "no scene 1"),
+        (json!({ "do": "place", "scene": 0, "placement": placed(0.0, 0.0) }), "the scale 0.0"),
         (json!({ "do": "hello", "size": [1, 1] }), "not for the viewer"),
     ] {
         client.say(message.clone());
         let told = client.told("refused");
         assert!(told["why"].as_str().unwrap().contains(why), "{message}: {told}");
     }
+}
+
+fn placed(x: f64, scale: f64) -> Value {
+    json!({ "position": [x, 0.0, 0.0], "rotation": [0.0, 0.0, 0.0], "scale": scale })
+}
+
+/// A scene that moves to the right is seen as by a camera that moves to the left.
+#[test]
+fn a_scene_can_be_placed() {
+    let server = Server::start(&["cactus:2000"]);
+    let mut client = Client::connect(&server);
+    let first = client.exact();
+    let place = |placement: Value| json!({ "do": "place", "scene": 0, "placement": placement });
+    client.until(|state| !state["rest"].is_null());
+    let view = client.state["rest"]["view"].clone();
+    client.say(place(placed(0.5, 1.0)));
+    client.until(|state| state["scenes"][0]["placement"] == placed(0.5, 1.0) && !state["rest"].is_null());
+    let moved = client.exact();
+    assert!(!moved.is_of_render && client.state["rest"]["left_out"].to_string().contains("placement"));
+    client.say(json!({ "do": "act", "action": "undo" }));
+    client.until(|state| state["scenes"][0]["placement"] == placed(0.0, 1.0));
+    assert!(client.exact().png == first.png);
+    let mut beside = view;
+    beside["position"][0] = json!(beside["position"][0].as_f64().unwrap() - 0.5);
+    client.say(json!({ "do": "view", "view": beside }));
+    client.until(|state| state["rest"]["view"]["position"] == beside["position"]);
+    let seen = client.exact();
+    let differing = |other: &RgbImage| {
+        let pairs = moved.pixels.iter().zip(other.iter());
+        pairs.filter(|(a, b)| a.abs_diff(**b) > 1).count()
+    };
+    assert_eq!(differing(&seen.pixels), 0);
+    assert!(differing(&first.pixels) > 1000);
 }
 
 #[test]

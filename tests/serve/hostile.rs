@@ -85,6 +85,8 @@ fn strange(random: &mut Random) -> Value {
         json!({ "do": "explain", "pixel": [pick(&whole), pick(&whole)] }),
         json!({ "do": "focus", "pixel": [pick(&whole), pick(&whole)] }),
         json!({ "do": "show", "scene": pick(&whole[..2]), "is_shown": flag }),
+        json!({ "do": "place", "scene": pick(&whole[..2]),
+            "placement": { "position": [x, y, 0], "rotation": [y, x, 0], "scale": x } }),
         json!({ "do": "close", "scene": pick(&whole) }),
         json!({ "do": "files", "folder": pick(&name) }),
         json!({ "do": "open", "file": pick(&name) }),

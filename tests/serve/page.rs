@@ -254,5 +254,18 @@ fn a_page_shows_and_moves_a_scene() {
     page.until(&format!("canvas.width === 320 && {EXACT}"));
     page.screenshot("serve-narrow.png");
     assert_eq!(page.value("document.documentElement.scrollWidth <= 320"), true);
+    // A scene is placed, also after a reload.
+    page.resize([900, 560]);
+    let turn = "document.querySelector('[aria-label^=\"Rotation y\"]')";
+    page.value(&format!("{turn}.value = '30'; {turn}.dispatchEvent(new Event('change'))"));
+    let is_placed = format!("state.scenes[0].placement.rotation[1] === 30 && canvas.width === 560 && {EXACT}");
+    page.until(&is_placed);
+    assert_eq!(page.value("exact.isOfRender"), false);
+    let sum = page.value(SUM);
+    page.value(&format!("{turn}.closest('details').open = true"));
+    page.screenshot("serve-placed.png");
+    page.call("Page.reload", json!({}));
+    page.until(&format!("typeof canvas === 'object' && state && {is_placed} && {SUM} === {sum}"));
+    assert_eq!(page.value(&format!("{turn}.value")), json!("30"));
     assert!(server.is_running());
 }

@@ -400,8 +400,9 @@ function isNew(element, content) {
 }
 
 function showScenes() {
-  if (!isNew(at('scenes'), state.scenes)) return;
-  at('scenes').replaceChildren(...state.scenes.map(({ name, summary, is_shown: isShown, progress }, i) => {
+  showPlacements();
+  if (!isNew(at('scenes'), state.scenes.map(({ placement, ...rest }) => rest))) return;
+  at('scenes').replaceChildren(...state.scenes.flatMap(({ name, summary, is_shown: isShown, progress }, i) => {
     const made = document.createElement('label');
     made.className = 'row';
     made.title = summary;
@@ -419,8 +420,49 @@ function showScenes() {
         say({ do: 'close', scene: i });
       });
     }
-    return made;
+    return [made, placementOf(name, i)];
   }));
+  showPlacements();
+}
+
+const isPlaced = ({ position, rotation, scale }) => scale !== 1 || [...position, ...rotation].some((value) => value !== 0);
+const placementValues = ({ position, rotation, scale }) => [...position, ...rotation, scale];
+
+// The fields of the placement of a scene.
+function placementOf(name, scene) {
+  const made = document.createElement('details');
+  made.appendChild(document.createElement('summary')).textContent = 'Placement';
+  const inputs = [];
+  const changed = () => {
+    const values = inputs.map((input) => input.valueAsNumber);
+    if (values.some(Number.isNaN)) return;
+    say({ do: 'place', scene, placement: { position: values.slice(0, 3), rotation: values.slice(3, 6), scale: values[6] } });
+  };
+  const axes = [' x', ' y', ' z'];
+  for (const [title, unit, step, names] of [['Position', '', 0.01, axes], ['Rotation', ', °', 1, axes], ['Scale', '', 0.01, ['']]]) {
+    const line = made.appendChild(document.createElement('div'));
+    line.className = 'row place';
+    line.appendChild(document.createElement('span')).textContent = title + unit;
+    if (unit) line.title = 'Around z first, then x, then y';
+    for (const axis of names) {
+      const input = line.appendChild(document.createElement('input'));
+      input.type = 'number';
+      input.step = step;
+      input.dataset.placed = scene;
+      input.setAttribute('aria-label', `${title}${axis} of ${name}`);
+      input.addEventListener('change', changed);
+      inputs.push(input);
+    }
+  }
+  return made;
+}
+
+function showPlacements() {
+  state.scenes.forEach(({ placement }, i) => {
+    const inputs = at('scenes').querySelectorAll(`[data-placed="${i}"]`);
+    inputs.forEach((input, k) => put(input, String(placementValues(placement)[k])));
+  });
+  keep('placements', state.scenes.map(({ placement }) => placement));
 }
 
 function showStages() {
@@ -506,14 +548,15 @@ function restore() {
   const kept = (name) => JSON.parse(sessionStorage.getItem(name));
   const scenes = state.scenes.map(({ name }) => name);
   const isSame = JSON.stringify(kept('scenes')) === JSON.stringify(scenes);
-  const [measures, keys] = isSame ? [kept('measures'), kept('path')] : [];
+  const [measures, keys, placements] = isSame ? [kept('measures'), kept('path'), kept('placements')] : [];
   isRestored = false;
   path = [];
   showPath();
   at('film-ready').hidden = true;
   if (measures) say({ do: 'measures', measures });
   if (keys) say({ do: 'path', keys });
-  if (!isSame) ['measures', 'path'].forEach((name) => sessionStorage.removeItem(name));
+  placements?.forEach((placement, scene) => { if (isPlaced(placement)) say({ do: 'place', scene, placement }); });
+  if (!isSame) ['measures', 'path', 'placements'].forEach((name) => sessionStorage.removeItem(name));
   sessionStorage.setItem('scenes', JSON.stringify(scenes));
   say({ do: 'rest', number: 0 });
 }

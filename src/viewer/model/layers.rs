@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use glam::{DQuat, DVec3, EulerRot};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use super::appearance::Appearance;
 use super::edit::{Edit, set_of};
@@ -63,13 +65,16 @@ pub struct Layer {
     cancel: Cancel,
 }
 
-/// The placement of a scene, as the panel edits it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Where a scene lies in the world.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Placement {
     /// World units.
+    #[serde(rename = "position")]
     pub translation: [f64; 3],
-    /// Degrees around y, then x, then z.
+    /// Degrees around x, y and z. The rotation is Ry Rx Rz: around z first.
     pub rotation: [f64; 3],
+    /// A factor over 0.
     pub scale: f64,
 }
 

@@ -160,6 +160,13 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
             Some(layer) => layer.is_shown = [is_shown; 2],
             None => return Err(format!("there is no scene {scene}")),
         },
+        ClientMessage::Place { scene, placement } => match viewer.scenes.layers.get_mut(scene) {
+            Some(layer) => {
+                placement.transform().map_err(|error| format!("scene {scene} cannot be placed there: {error:#}"))?;
+                layer.placement = placement;
+            }
+            None => return Err(format!("there is no scene {scene}")),
+        },
         ClientMessage::Close { .. } if viewer.scenes.layers.len() == 1 => {
             return Err("the last scene stays open".to_owned());
         }

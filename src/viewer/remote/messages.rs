@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::measure::bench::Clocks;
-use crate::viewer::model::{LengthUnit, MeasureKind, Measures};
+use crate::viewer::model::{LengthUnit, MeasureKind, Measures, Placement};
 
 /// A message of a client to the server.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -86,6 +86,8 @@ pub enum ClientMessage {
     Rest { number: u32 },
     /// Show or hide a scene, by its place in the list.
     Show { scene: usize, is_shown: bool },
+    /// Place a scene, by its place in the list, in the world.
+    Place { scene: usize, placement: Placement },
     /// Close a scene, by its place in the list.
     Close { scene: usize },
     /// List a folder below that of `--folder`; the empty text is that folder.
@@ -345,6 +347,7 @@ pub struct SceneEntry {
     pub name: String,
     pub summary: String,
     pub is_shown: bool,
+    pub placement: Placement,
     /// The fraction that is read; null once all is.
     pub progress: Option<f64>,
 }

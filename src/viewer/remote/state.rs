@@ -91,6 +91,7 @@ pub fn state(session: &mut Session) -> State {
         name: layer.name.clone(),
         summary: layer.summary.clone(),
         is_shown: layer.is_shown[0],
+        placement: layer.placement,
         progress: layer.progress,
     });
     let rest = || {
