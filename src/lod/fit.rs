@@ -13,8 +13,8 @@ const ROUND_DIRECTIONS: usize = 3;
 const LEAST_ALPHA: f32 = 0.05;
 /// Most pixels along the diagonal of a picture.
 const MOST_PX: f64 = 256.0;
-/// Parents narrower than this part of a pixel keep what they were merged to. Their pictures cannot show what they lack:
-/// they would become hard discs with gaps, where a group holds distant wide Gaussians, too.
+/// Parents narrower than this part of a pixel, by their mean area, keep what they were merged to. Pictures hardly show
+/// them: in groups that also hold distant wide Gaussians, the fit would make them hard discs with gaps.
 const LEAST_PX: f64 = 0.05;
 
 /// The remaining difference between parents and children.

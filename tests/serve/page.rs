@@ -116,6 +116,13 @@ impl Browser {
     }
 
     /// The picture of the page as PNG; in the folder of `SMALTO_SCREENS`, if that is set.
+    /// Loads the page again, and waits for the new one.
+    fn reload(&mut self) {
+        self.value("window.isOld = true");
+        self.call("Page.reload", json!({}));
+        self.until("!window.isOld && typeof canvas === 'object'");
+    }
+
     fn screenshot(&mut self, name: &str) -> Vec<u8> {
         let result = self.call("Page.captureScreenshot", json!({ "format": "png" }));
         let file = base64::engine::general_purpose::STANDARD.decode(result["data"].as_str().unwrap()).unwrap();
@@ -240,8 +247,8 @@ fn a_page_shows_and_moves_a_scene() {
     page.until(&format!("{EXACT} && state.look === 'colour' && state.comparison === null && !state.explanation"));
     let (view, sum) = (page.value("location.hash"), page.value(SUM));
     assert!(view.as_str().unwrap().contains("view=") && !view.as_str().unwrap().contains("token"));
-    page.call("Page.reload", json!({}));
-    page.until(&format!("typeof canvas === 'object' && {EXACT} && {SUM} === {sum}"));
+    page.reload();
+    page.until(&format!("{EXACT} && {SUM} === {sum}"));
     page.until("path.length === 16 && state.measures.length === 1");
     let port = server.port;
     drop(server);
@@ -257,6 +264,7 @@ fn a_page_shows_and_moves_a_scene() {
     // A scene is placed, also after a reload.
     page.resize([900, 560]);
     let turn = "document.querySelector('[aria-label^=\"Rotation y\"]')";
+    let scale = "document.querySelector('[aria-label^=\"Scale\"]')";
     page.value(&format!("{turn}.value = '30'; {turn}.dispatchEvent(new Event('change'))"));
     let is_placed = format!("state.scenes[0].placement.rotation[1] === 30 && canvas.width === 560 && {EXACT}");
     page.until(&is_placed);
@@ -264,8 +272,13 @@ fn a_page_shows_and_moves_a_scene() {
     let sum = page.value(SUM);
     page.value(&format!("{turn}.closest('details').open = true"));
     page.screenshot("serve-placed.png");
-    page.call("Page.reload", json!({}));
-    page.until(&format!("typeof canvas === 'object' && state && {is_placed} && {SUM} === {sum}"));
+    page.reload();
+    page.until(&format!("state && {is_placed} && {SUM} === {sum} && {turn}.value === '30'"));
+    // An emptied field and a refused one get their values back.
+    for wrong in ["''", "'-1'"] {
+        page.value(&format!("{scale}.focus(); {scale}.value = {wrong}; {scale}.dispatchEvent(new Event('change'))"));
+        page.until(&format!("{scale}.value === '1'"));
+    }
     assert_eq!(page.value(&format!("{turn}.value")), json!("30"));
     assert!(server.is_running());
 }

@@ -138,7 +138,8 @@ fn measured_errors_are_near_the_prediction() {
             shown.push(format!("{zoom}: {nodes:.0} nodes, {predicted_psnr:.1} dB predicted, {measured:.1} shown"));
             // The prediction counts hidden nodes, and at a distance errors decrease faster than predicted: it is nearly
             // a lower bound. Errors in one direction may be larger than the mean of several.
-            assert!((-6.0..35.0).contains(&(measured - predicted_psnr)), "{shown:?}");
+            let most = if zoom > 1.0 { 35.0 } else { 25.0 };
+            assert!((-6.0..most).contains(&(measured - predicted_psnr)), "{shown:?}");
         }
         assert!(judged >= 2, "{shown:?}");
     }

@@ -143,7 +143,7 @@ function hear(message) {
       notice(message.why);
       setTimeout(() => notice(''), 5000);
       // A value that was refused does not stay in its field.
-      if (document.activeElement.dataset.knob) document.activeElement.blur();
+      if (document.activeElement.matches('[data-knob], [data-placed]')) document.activeElement.blur();
       at('path-keys').dataset.content = '';
       showPath();
       if (state) showState();
@@ -400,32 +400,43 @@ function isNew(element, content) {
 }
 
 function showScenes() {
-  showPlacements();
-  if (!isNew(at('scenes'), state.scenes.map(({ placement, ...rest }) => rest))) return;
-  at('scenes').replaceChildren(...state.scenes.flatMap(({ name, summary, is_shown: isShown, progress }, i) => {
-    const made = document.createElement('label');
-    made.className = 'row';
+  if (isNew(at('scenes'), state.scenes.map(({ name }) => name))) {
+    at('scenes').replaceChildren(...state.scenes.map(({ name }, i) => sceneRow(name, i)));
+  }
+  state.scenes.forEach(({ name, summary, is_shown: isShown, placement, progress }, i) => {
+    const made = at('scenes').children[i];
     made.title = summary;
-    const box = made.appendChild(document.createElement('input'));
-    box.type = 'checkbox';
-    box.checked = isShown;
-    box.addEventListener('change', () => say({ do: 'show', scene: i, is_shown: box.checked }));
-    made.append(progress === null ? name : `${name}, ${Math.round(100 * progress)} % read`);
-    if (state.scenes.length > 1) {
-      const close = made.appendChild(document.createElement('button'));
-      close.textContent = 'close';
-      close.setAttribute('aria-label', `Close ${name}`);
-      close.addEventListener('click', (event) => {
-        event.preventDefault();
-        say({ do: 'close', scene: i });
-      });
-    }
-    return [made, placementOf(name, i)];
-  }));
-  showPlacements();
+    made.querySelector('[type=checkbox]').checked = isShown;
+    made.querySelector('label span').textContent =
+      progress === null ? name : `${name}, ${Math.round(100 * progress)} % read`;
+    const values = placementValues(placement);
+    made.querySelectorAll('[data-placed]').forEach((input, k) => put(input, String(values[k])));
+  });
+  const placed = state.scenes.filter(({ placement }) => placementValues(placement).some((value, k) => value !== (k === 6 ? 1 : 0)));
+  keep('placements', placed.map(({ name, placement }) => [name, placement]));
 }
 
-const isPlaced = ({ position, rotation, scale }) => scale !== 1 || [...position, ...rotation].some((value) => value !== 0);
+function sceneRow(name, scene) {
+  const made = document.createElement('div');
+  const label = made.appendChild(document.createElement('label'));
+  label.className = 'row';
+  const box = label.appendChild(document.createElement('input'));
+  box.type = 'checkbox';
+  box.addEventListener('change', () => say({ do: 'show', scene, is_shown: box.checked }));
+  label.appendChild(document.createElement('span'));
+  if (state.scenes.length > 1) {
+    const close = label.appendChild(document.createElement('button'));
+    close.textContent = 'close';
+    close.setAttribute('aria-label', `Close ${name}`);
+    close.addEventListener('click', (event) => {
+      event.preventDefault();
+      say({ do: 'close', scene });
+    });
+  }
+  made.append(placementOf(name, scene));
+  return made;
+}
+
 const placementValues = ({ position, rotation, scale }) => [...position, ...rotation, scale];
 
 // The fields of the placement of a scene.
@@ -434,8 +445,9 @@ function placementOf(name, scene) {
   made.appendChild(document.createElement('summary')).textContent = 'Placement';
   const inputs = [];
   const changed = () => {
-    const values = inputs.map((input) => input.valueAsNumber);
-    if (values.some(Number.isNaN)) return;
+    const before = placementValues(state.scenes[scene].placement);
+    const values = inputs.map(({ valueAsNumber: value }, k) => (Number.isNaN(value) ? before[k] : value));
+    inputs.forEach((input, k) => { input.value = values[k]; });
     say({ do: 'place', scene, placement: { position: values.slice(0, 3), rotation: values.slice(3, 6), scale: values[6] } });
   };
   const axes = [' x', ' y', ' z'];
@@ -455,14 +467,6 @@ function placementOf(name, scene) {
     }
   }
   return made;
-}
-
-function showPlacements() {
-  state.scenes.forEach(({ placement }, i) => {
-    const inputs = at('scenes').querySelectorAll(`[data-placed="${i}"]`);
-    inputs.forEach((input, k) => put(input, String(placementValues(placement)[k])));
-  });
-  keep('placements', state.scenes.map(({ placement }) => placement));
 }
 
 function showStages() {
@@ -555,7 +559,10 @@ function restore() {
   at('film-ready').hidden = true;
   if (measures) say({ do: 'measures', measures });
   if (keys) say({ do: 'path', keys });
-  placements?.forEach((placement, scene) => { if (isPlaced(placement)) say({ do: 'place', scene, placement }); });
+  scenes.forEach((name, scene) => {
+    const k = placements ? placements.findIndex(([of]) => of === name) : -1;
+    if (k >= 0) say({ do: 'place', scene, placement: placements.splice(k, 1)[0][1] });
+  });
   if (!isSame) ['measures', 'path', 'placements'].forEach((name) => sessionStorage.removeItem(name));
   sessionStorage.setItem('scenes', JSON.stringify(scenes));
   say({ do: 'rest', number: 0 });

@@ -5,6 +5,7 @@ use egui::{Event, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Ve
 use super::messages::{BudgetEntry, Button, ClientMessage, CompareBy, Held, InputEvent};
 use crate::camera::Timeline;
 use crate::options::{Knob, Options};
+use crate::scene::SceneInstances;
 use crate::viewer::frame::Session;
 use crate::viewer::model::{
     ACTIONS, Action, Chord, CompareMode, CompareTarget, MAX_ERRORS, MIN_PSNRS, Measures, Purpose, Request, Viewer,
@@ -162,7 +163,9 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         },
         ClientMessage::Place { scene, placement } => match viewer.scenes.layers.get_mut(scene) {
             Some(layer) => {
-                placement.transform().map_err(|error| format!("scene {scene} cannot be placed there: {error:#}"))?;
+                // The limits of page files hold for all, so that what cannot be drawn is refused at once.
+                let found = placement.transform().and_then(|transform| SceneInstances::new(vec![transform]));
+                found.map_err(|error| format!("scene {scene} cannot be placed there: {}", error.root_cause()))?;
                 layer.placement = placement;
             }
             None => return Err(format!("there is no scene {scene}")),
