@@ -53,7 +53,7 @@ pub struct PlacedScene {
     /// A file, or a procedural scene.
     pub scene: String,
     pub position: [f64; 3],
-    /// Degrees around x, y and z; around y first, then x, then z.
+    /// Degrees around x, y and z. The rotation is Ry Rx Rz: around z first.
     pub rotation: [f64; 3],
     pub scale: f64,
     /// In the first picture, and in the second.

@@ -145,7 +145,7 @@ fn show_layer(layer: &mut Layer, ui: &mut Ui) -> Option<RowRequest> {
                 ui.add(DragValue::new(value).speed(0.01));
             }
             ui.end_row();
-            ui.label("Rotation x y z, °").on_hover_text("around y, then x, then z");
+            ui.label("Rotation x y z, °").on_hover_text("around z first, then x, then y");
             for value in &mut placement.rotation {
                 ui.add(DragValue::new(value).speed(0.5));
             }
