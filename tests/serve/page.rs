@@ -115,7 +115,6 @@ impl Browser {
         self.call("Input.dispatchKeyEvent", json!({ "type": kind, "key": key, "text": text }));
     }
 
-    /// The picture of the page as PNG; in the folder of `SMALTO_SCREENS`, if that is set.
     /// Loads the page again, and waits for the new one.
     fn reload(&mut self) {
         self.value("window.isOld = true");
@@ -123,6 +122,7 @@ impl Browser {
         self.until("!window.isOld && typeof canvas === 'object'");
     }
 
+    /// The picture of the page as PNG; in the folder of `SMALTO_SCREENS`, if that is set.
     fn screenshot(&mut self, name: &str) -> Vec<u8> {
         let result = self.call("Page.captureScreenshot", json!({ "format": "png" }));
         let file = base64::engine::general_purpose::STANDARD.decode(result["data"].as_str().unwrap()).unwrap();

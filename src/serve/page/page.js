@@ -412,7 +412,7 @@ function showScenes() {
     const values = placementValues(placement);
     made.querySelectorAll('[data-placed]').forEach((input, k) => put(input, String(values[k])));
   });
-  const placed = state.scenes.filter(({ placement }) => placementValues(placement).some((value, k) => value !== (k === 6 ? 1 : 0)));
+  const placed = state.scenes.filter(({ placement }) => placementValues(placement).some((value, k) => value !== UNMOVED[k]));
   keep('placements', placed.map(({ name, placement }) => [name, placement]));
 }
 
@@ -437,6 +437,7 @@ function sceneRow(name, scene) {
   return made;
 }
 
+const UNMOVED = [0, 0, 0, 0, 0, 0, 1];
 const placementValues = ({ position, rotation, scale }) => [...position, ...rotation, scale];
 
 // The fields of the placement of a scene.

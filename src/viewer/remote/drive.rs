@@ -163,7 +163,7 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         },
         ClientMessage::Place { scene, placement } => match viewer.scenes.layers.get_mut(scene) {
             Some(layer) => {
-                // The limits of page files hold for all, so that what cannot be drawn is refused at once.
+                // Paged scenes are drawn as instances, whose limits hold for all scenes: others are refused.
                 let found = placement.transform().and_then(|transform| SceneInstances::new(vec![transform]));
                 found.map_err(|error| format!("scene {scene} cannot be placed there: {}", error.root_cause()))?;
                 layer.placement = placement;

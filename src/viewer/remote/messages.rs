@@ -86,7 +86,7 @@ pub enum ClientMessage {
     Rest { number: u32 },
     /// Show or hide a scene, by its place in the list.
     Show { scene: usize, is_shown: bool },
-    /// Place a scene, by its place in the list, in the world.
+    /// Set the placement of a scene, by its place in the list.
     Place { scene: usize, placement: Placement },
     /// Close a scene, by its place in the list.
     Close { scene: usize },
