@@ -250,9 +250,9 @@ impl Client {
         self.offscreen.session.viewer.measuring.choosing().is_some()
     }
 
-    /// True while the float64 reference or a picture is being made ready.
+    /// True while the float64 reference is drawn or a picture is read, also if it will not be shown.
     pub fn is_comparing(&self) -> bool {
-        self.offscreen.session.viewer.comparison.is_loading
+        self.offscreen.session.viewer.comparison.requests_under_way > 0
     }
 
     /// True while a job of the viewer runs.

@@ -125,6 +125,7 @@ impl Viewer {
         self.comparison.requested_camera = camera;
         self.comparison.is_loading = true;
         self.comparison.last_request += 1;
+        self.comparison.requests_under_way += 1;
         self.comparison.last_request
     }
 

@@ -40,9 +40,12 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         JobEvent::Cameras(path, origin, cameras) => viewer.handle_cameras(&path, origin, cameras),
         JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),
         JobEvent::Shared(generation, sharing) => handle_shared(viewer, pair, generation, sharing),
-        // Another picture was requested meanwhile.
-        JobEvent::Picture(number, ..) if number != viewer.comparison.last_request => {}
-        JobEvent::Picture(_, name, of, pixels) => {
+        JobEvent::Picture(number, name, of, pixels) => {
+            viewer.comparison.requests_under_way -= 1;
+            // Something else was requested or chosen meanwhile.
+            if number != viewer.comparison.last_request {
+                return;
+            }
             viewer.comparison.is_loading = false;
             match pixels {
                 Ok(pixels) => {

@@ -56,6 +56,8 @@ pub struct Comparison {
     pub is_loading: bool,
     /// Number of the last request for `picture`; results of earlier requests are dropped.
     pub last_request: u64,
+    /// Number of requests whose result has not come, also those whose result will be dropped.
+    pub requests_under_way: usize,
     /// `picture` must be resampled to the size of the window.
     pub is_stale: bool,
     /// `picture` in the size of the window.
@@ -132,6 +134,7 @@ impl Default for Comparison {
             requested_camera: None,
             is_loading: false,
             last_request: 0,
+            requests_under_way: 0,
             is_stale: false,
             fitted: None,
             covered: None,
@@ -143,6 +146,13 @@ impl Default for Comparison {
 }
 
 impl Comparison {
+    /// Compares with this target, also when a picture that is being drawn or read comes later.
+    pub fn choose(&mut self, target: CompareTarget) {
+        self.target = target;
+        self.is_loading = false;
+        self.last_request += 1;
+    }
+
     /// The options of the second picture; `None` if the GPU does not draw one.
     pub fn options(&self, first: &Options) -> Option<Options> {
         match &self.target {
@@ -284,6 +294,13 @@ mod tests {
             let opaque = |y: &u32| fitted.at(0, *y)[3] > 0.0;
             assert_eq!((0..size[1]).filter(opaque).collect::<Vec<_>>(), (top..bottom).collect::<Vec<_>>(), "{of:?}");
         }
+    }
+
+    #[test]
+    fn a_choice_drops_the_picture_that_is_awaited() {
+        let mut comparison = Comparison { is_loading: true, last_request: 7, ..Comparison::default() };
+        comparison.choose(CompareTarget::Nothing);
+        assert!(!comparison.is_loading && comparison.last_request != 7);
     }
 
     #[test]

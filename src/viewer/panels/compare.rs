@@ -1,23 +1,23 @@
 //! The page Compare: the second picture, the way to show both, and the numbers of their difference.
 
-use egui::{DragValue, Grid, Slider, Ui};
+use egui::{DragValue, Grid, Response, Slider, Ui};
 
 use super::quality::preset_buttons;
 use crate::options::Options;
-use crate::viewer::model::{Action, CompareMode, CompareTarget, Pair, PairDifference, PictureOf, Viewer};
+use crate::viewer::model::{Action, CompareMode, CompareTarget, Comparison, Pair, PairDifference, PictureOf, Viewer};
 
 pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         let comparison = &mut viewer.comparison;
-        ui.selectable_value(&mut comparison.target, CompareTarget::Nothing, "nothing");
-        ui.selectable_value(&mut comparison.target, CompareTarget::Options(None), "other scenes")
+        button(ui, comparison, "nothing", CompareTarget::Nothing);
+        button(ui, comparison, "other scenes", CompareTarget::Options(None))
             .on_hover_text("each picture then has scenes of its own");
         let is_chosen = |preset: &Options| comparison.target == CompareTarget::Options(Some(*preset));
         if let Some(preset) = preset_buttons(ui, is_chosen) {
-            comparison.target = CompareTarget::Options(Some(preset));
+            comparison.choose(CompareTarget::Options(Some(preset)));
         }
         if comparison.picture.as_ref().is_some_and(|picture| matches!(picture.of, PictureOf::File(_))) {
-            ui.selectable_value(&mut comparison.target, CompareTarget::Picture, "picture");
+            button(ui, comparison, "picture", CompareTarget::Picture);
         }
         let follows = comparison.target == CompareTarget::Picture && comparison.photograph_camera().is_some();
         let hint = "Each camera is compared with its own photograph, also the next ones";
@@ -80,6 +80,15 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
     }
     numbers(viewer, pair, ui);
     super::cameras::table(viewer, ui);
+}
+
+/// A button that chooses what is compared with.
+fn button(ui: &mut Ui, comparison: &mut Comparison, name: &str, target: CompareTarget) -> Response {
+    let button = ui.selectable_label(comparison.target == target, name);
+    if button.clicked() {
+        comparison.choose(target);
+    }
+    button
 }
 
 /// The measured difference of the two pictures.

@@ -115,12 +115,14 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
             viewer.pictures.are_stale = true;
         }
         ClientMessage::Compare { with } => match with.as_str() {
-            "nothing" => viewer.comparison.target = CompareTarget::Nothing,
-            "reference" if viewer.comparison.is_loading => return Err("a picture is being drawn already".to_owned()),
+            "nothing" => viewer.comparison.choose(CompareTarget::Nothing),
+            "reference" if viewer.comparison.requests_under_way > 0 => {
+                return Err("a picture is being drawn already".to_owned());
+            }
             "reference" => viewer.compare_with_reference(),
             "photographs" if !viewer.cameras.have_photographs() => return Err("no camera has a photograph".to_owned()),
             "photographs" => viewer.compare_with_photographs(),
-            name => viewer.comparison.target = CompareTarget::Options(Some(preset(name)?)),
+            name => viewer.comparison.choose(CompareTarget::Options(Some(preset(name)?))),
         },
         ClientMessage::CompareBy { mode, split, gain } => {
             let comparison = &mut viewer.comparison;
