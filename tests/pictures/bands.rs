@@ -51,7 +51,7 @@ fn check(renderer: &mut Renderer, camera: &Camera, what: &str) {
     assert!(frame.totals.visible_kept > 0, "{what}: nothing is seen");
     let unit = renderer.band_rows(camera);
     assert!(BAND_ROWS.is_multiple_of(unit), "{what}");
-    for rows in [unit, 3 * unit, BAND_ROWS] {
+    for rows in BTreeSet::from([unit, BAND_ROWS]) {
         let parts = in_bands(renderer, camera, rows, |renderer| renderer.pixels().unwrap());
         assert!(bits(&whole) == bits(&parts), "{what}: bands of {rows} rows differ");
     }
@@ -113,8 +113,8 @@ fn bands_of_certificates_and_depths_have_the_bits_of_the_whole() {
 fn bands_along_rays_have_the_bits_of_the_whole_picture() {
     let gpu = Gpu::new();
     let mut paths = BTreeSet::new();
-    let mut cameras = all([70, 150]);
-    cameras.push(("pinhole", view([70, 150]).along_rays()));
+    let mut cameras = all([70, 100]);
+    cameras.push(("pinhole", view([70, 100]).along_rays()));
     cameras.push(("a whole sphere in a few pixels", sphere([12, 130])));
     for (i, (name, camera)) in cameras.into_iter().enumerate() {
         let scene = around(&mut Random(70 + i as u64), &camera, 900);

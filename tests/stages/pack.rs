@@ -162,7 +162,7 @@ fn lists_that_are_too_long_for_the_fast_path_are_drawn_with_their_depths() {
     let options = Options::default();
     let gaussians = Procedural::parse("many-small:70000").unwrap().unwrap().make().unwrap().gaussians;
     let scene = GpuScene::new(&gpu.0, &gaussians, &options).unwrap();
-    let views = path::orbit(DVec3::ZERO, 2.0, false, [16, 16], 6);
+    let views = path::orbit(DVec3::ZERO, 2.0, false, [16, 16], 3);
     let mut stream = FrameQueue::new(&gpu.0, Renderer::new(&gpu.0, &options, &scene).unwrap());
     let wanted = FrameOutputs { picture: vec![Form::Floats], depths: true, is_exported: false };
     for view in &views {

@@ -12,10 +12,10 @@ fn each_fact_is_told_once() {
     let _turn = Turn::take();
     let folder = tempfile::tempdir().unwrap();
     let file = path(&folder, "many.ply");
-    ok(&["convert", "cactus:500000", &file]);
+    ok(&["convert", "cactus:200000", &file]);
     let desktop = Desktop::open(true);
     let mut viewer = Viewer::open(&desktop, &[&file, "--size", "320x200", "--no-panels", "--look", "alpha"], |_| {});
-    assert_eq!(viewer.next("scene")["gaussians"], 500_000);
+    assert_eq!(viewer.next("scene")["gaussians"], 200_000);
     let mut first = viewer.next("first-frame");
     let mut told = 1;
     while first["is_whole"] != true {

@@ -70,7 +70,7 @@ fn waited_for(device: &Device, scene: &GpuScene, options: &Options, camera: &Cam
 
 #[test]
 fn streamed_frames_become_equal_to_frames_that_wait() {
-    let scene = cactus::cactus(120_000).unwrap();
+    let scene = cactus::cactus(60_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
     let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
     let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
@@ -124,10 +124,10 @@ fn pages_that_do_not_fit_are_drawn_coarser() {
 /// While pages are missing, the attribute `lag` shows by how many levels their parents are coarser than selected.
 #[test]
 fn the_lag_shows_missing_pages() {
-    let scene = cactus::cactus(120_000).unwrap();
+    let scene = cactus::cactus(60_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
     let (file, device) = (with_levels(scene, Options::BALANCED), open(None));
-    let options = Options { splats: 60_000, ..Options::BALANCED };
+    let options = Options { splats: 30_000, ..Options::BALANCED };
     let scene = opened_scene(&device, &file, &[], &options);
     let mut renderer = streaming(&device, &scene, &options);
     renderer.set_inspection(Inspection::of_attribute(Attribute::Lag)).unwrap();
