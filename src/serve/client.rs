@@ -16,7 +16,7 @@ use super::outbox::Outbox;
 use super::pictures::{Exact, ShownPicture};
 use super::session_event::{Said, SessionEvent};
 use crate::gpu::{Device, DeviceLost};
-use crate::viewer::remote::{ClientMessage, News, ServerMessage, State, Told, drive, is_of_render, welcome};
+use crate::viewer::remote::{ClientMessage, News, ServerMessage, State, Told, check_fps, drive, is_of_render, welcome};
 use crate::viewer::{FrameOutput, Offscreen, Request, Setup};
 
 /// Time without a change after which a picture is sent without loss.
@@ -182,7 +182,8 @@ impl Client {
                 Err(problem) => Err(format!("{problem:#}")),
             },
             ClientMessage::Open { .. } => self.open(file).map(|()| Vec::new()),
-            ClientMessage::Film { fps } => self.write_film(fps).map(|()| Vec::new()),
+            ClientMessage::Film { file: Some(_), .. } => Err("films of a server have no file name".to_owned()),
+            ClientMessage::Film { fps, file: None } => self.write_film(fps).map(|()| Vec::new()),
             ClientMessage::Rest { number } => self.news.await_rest(number).map(|()| Vec::new()),
             message => drive(&mut self.offscreen.session, message),
         };
@@ -219,17 +220,15 @@ impl Client {
 
     /// Starts to write the camera path as a video.
     fn write_film(&mut self, fps: f64) -> Result<(), String> {
-        if !(1.0..=240.0).contains(&fps) {
-            return Err("a film has 1 to 240 frames a second".to_owned());
-        }
+        check_fps(fps)?;
         let viewer = self.offscreen.viewer();
         let frames = viewer.film.timeline.frames(fps).len();
         if !(2..=MAX_FRAMES).contains(&frames) {
             return Err(format!("this film has {frames} frames: a film has 2 to {MAX_FRAMES}"));
         }
         let film = Film::new(&self.films).map_err(|problem| format!("{problem:#}"))?;
-        (viewer.film.fps, viewer.export.film) = (fps, film.file().display().to_string());
-        viewer.requests.push(Request::WriteFilm);
+        viewer.film.fps = fps;
+        viewer.requests.push(Request::WriteFilm(Some(film.file().to_owned())));
         self.film = Some(film);
         Ok(())
     }

@@ -96,6 +96,8 @@ fn strange(random: &mut Random) -> Value {
         json!({ "do": "measures", "measures": {
             "all": [{ "kind": "area", "points": [[x, y, 0], [y, y, x], [0, x, y]] }],
             "unit": { "name": pick(&name), "per_world": y } } }),
+        json!({ "do": "unit", "name": pick(&name), "length": y }),
+        json!({ "do": "close-path" }),
         json!({ "do": "path", "keys": [
             { "position": [x, y, 0], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "width": 64, "height": pick(&whole),
               "fx": 50, "fy": 50, "seconds": x },

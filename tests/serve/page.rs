@@ -231,6 +231,8 @@ fn a_page_shows_and_moves_a_scene() {
     page.until(
         "document.querySelectorAll('#lines circle').length === 2 && at('measures').textContent.includes('distance')",
     );
+    page.value("at('length').value = '2'; at('unit-name').value = 'cm'; at('set-unit').click()");
+    page.until("at('lines').querySelector('text')?.textContent === '2.0000 cm'");
     page.value("at('turn').click()");
     page.until("at('path-keys').rows.length === 17");
     page.value("at('path-keys').rows[1].querySelector('[aria-label^=remove]').click()");

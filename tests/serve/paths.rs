@@ -46,6 +46,11 @@ fn a_path_is_changed_played_and_written_as_a_film() {
         client.say(json!({ "do": "act", "action": action }));
         assert_eq!(client.told("path")["keys"].as_array().unwrap().len(), keys);
     }
+    client.say(json!({ "do": "close-path" }));
+    let closed = client.told("path")["keys"].clone();
+    assert_eq!((closed.as_array().unwrap().len(), &closed[2]["position"]), (3, &turn[0]["position"]));
+    client.say(json!({ "do": "act", "action": "undo" }));
+    assert_eq!(client.told("path")["keys"].as_array().unwrap().len(), 2);
     assert!(refused(&mut client, json!({ "do": "path", "keys": [turn[0], turn[0]] })).contains("no camera path"));
     let many: Vec<Value> = (0..101)
         .map(|i| {
@@ -125,17 +130,24 @@ fn points_are_measured() {
     let pixel = &measure["pixels"][1];
     assert!((pixel[0].as_f64().unwrap() - f64::from(x) - 0.5).abs() < 0.01, "{pixel}");
     assert!((pixel[1].as_f64().unwrap() - f64::from(y + 12) - 0.5).abs() < 0.01, "{pixel}");
+    // The line lies between its points, and its length is written in the middle.
+    let [line] = &serde_json::from_value::<Vec<[[f64; 2]; 2]>>(measure["lines"].clone()).unwrap()[..] else {
+        panic!("{measure}")
+    };
+    let label = &measure["labels"][0];
+    assert_eq!((json!(line[0]), json!(line[1])), (measure["pixels"][0].clone(), pixel.clone()));
+    assert_eq!(label["text"], measure["reading"]);
+    assert!((label["pixel"][1].as_f64().unwrap() - (line[0][1] + line[1][1]) / 2.0).abs() < 1.0, "{label}");
     let said = state["messages"].to_string();
     assert!(said.contains("marked: ") && !said.contains("copied"), "{said}");
     // A unit, another kind, and nothing again.
-    let unit = json!({ "name": "m", "per_world": 2.0 / length });
-    client.say(json!({ "do": "measures", "measures": {
-        "all": [{ "kind": "distance", "points": points }], "unit": unit } }));
+    client.say(json!({ "do": "unit", "name": " m", "length": 2 }));
     client.say(json!({ "do": "measure", "kind": "area" }));
     let state = rest(&mut client, 2);
     assert_eq!((&state["measures"][0]["reading"], &state["measures_next"]), (&json!("2.0000 m"), &json!("area")));
     let wrong = json!({ "do": "measures", "measures": { "unit": { "name": "m", "per_world": 0 } } });
     assert!(refused(&mut client, wrong).contains("unit of length"));
+    assert!(refused(&mut client, json!({ "do": "unit", "name": "m", "length": 0 })).contains("length of a line"));
     client.say(json!({ "do": "act", "action": "undo" }));
     assert_eq!(rest(&mut client, 3)["measures"].as_array().unwrap().len(), 1);
     client.say(json!({ "do": "measures", "measures": {} }));

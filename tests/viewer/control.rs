@@ -128,7 +128,10 @@ fn a_program_sets_views_and_options_and_gets_pictures() {
         for (message, why) in [
             (json!({ "do": "preset", "name": "best" }), "no preset best"),
             (json!({ "do": "resize", "size": [8, 8] }), "not for the viewer"),
-            (json!({ "do": "film", "fps": 30 }), "not for the viewer"),
+            (json!({ "do": "film", "fps": 30 }), "needs a file name"),
+            (json!({ "do": "film", "fps": 0, "file": folder.path().join("film") }), "1 to 240"),
+            (json!({ "do": "film", "fps": 30, "file": folder.path().join("film") }), "no path to write"),
+            (json!({ "do": "stop-film" }), "no film of this program"),
             (json!({ "do": "nonsense" }), "no message"),
         ] {
             assert!(program.ask(&message).unwrap_err().contains(why), "{message}");
@@ -137,6 +140,13 @@ fn a_program_sets_views_and_options_and_gets_pictures() {
         let why = program.ask(&json!({ "do": "picture", "file": nowhere })).unwrap_err();
         assert!(why.contains("no/such"), "{why}");
         assert!(program.ask(&json!({ "do": "open", "file": nowhere })).unwrap_err().contains("there is no "));
+        // A film as a folder of pictures, all written before the answer.
+        program.say(&json!({ "do": "turn" }));
+        program.ask(&json!({ "do": "film", "fps": 1, "file": folder.path().join("film") })).unwrap();
+        let frame = |i: usize| folder.path().join(format!("film/{i:05}.png"));
+        let frames = (0..).map(frame).take_while(|file| file.exists());
+        let frames: Vec<_> = frames.map(|file| image::open(file).unwrap()).collect();
+        assert!(frames.len() > 2 && frames[0] != frames[1], "{} frames", frames.len());
         // Pictures of a program that waits for none of them, and that closes its side at the end.
         let files = ["first.png", "coarse.png", "again.png"].map(|name| folder.path().join(name));
         for (preset, file) in ["balanced", "preview", "balanced"].iter().zip(&files) {

@@ -167,7 +167,7 @@ fn films_and_pictures_are_written_as_by_render() {
     viewer.export.film = folder.path().join("film").display().to_string();
     viewer.export.picture = folder.path().join("one.png").display().to_string();
     viewer.export.size = Some([64, 48]);
-    viewer.requests.extend([Request::WriteFilm]);
+    viewer.requests.extend([Request::WriteFilm(None)]);
     offscreen.settle().unwrap();
     offscreen.viewer().requests.push(Request::WritePicture(None));
     offscreen.settle().unwrap();

@@ -297,13 +297,13 @@ fn films_go_where_nothing_is_and_can_be_cancelled() {
     viewer.export.size = Some([48, 32]);
     viewer.film.fps = 1.0;
     for name in ["film", "film-2"] {
-        offscreen.viewer().requests.push(Request::WriteFilm);
+        offscreen.viewer().requests.push(Request::WriteFilm(None));
         offscreen.settle().unwrap();
         assert_eq!(folder.path().join(name).read_dir().unwrap().count(), 33, "{name}");
     }
     // What is cancelled ends soon, and what is written stays.
     offscreen.viewer().film.fps = 240.0;
-    offscreen.viewer().requests.push(Request::WriteFilm);
+    offscreen.viewer().requests.push(Request::WriteFilm(None));
     let written = || folder.path().join("film-3").read_dir().map_or(0, Iterator::count);
     while written() == 0 {
         frame(&mut offscreen, Vec::new());
@@ -316,7 +316,7 @@ fn films_go_where_nothing_is_and_can_be_cancelled() {
     let video: PathBuf = folder.path().join("film.mp4");
     offscreen.viewer().export.film = video.display().to_string();
     offscreen.viewer().film.fps = 1.0;
-    offscreen.viewer().requests.push(Request::WriteFilm);
+    offscreen.viewer().requests.push(Request::WriteFilm(None));
     let settled = offscreen.settle();
     let has_ffmpeg = std::process::Command::new("ffmpeg").arg("-version").output().is_ok();
     assert_eq!((video.is_file(), settled.is_ok()), (has_ffmpeg, has_ffmpeg));

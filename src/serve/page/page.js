@@ -581,7 +581,7 @@ function showMeasures() {
   const open = all.find(({ is_open: isOpen }) => isOpen);
   at('known').hidden = !open || open.points.length < 2;
   at('no-unit').hidden = !state.unit;
-  if (!isNew(at('measures'), all.map(({ pixels, ...rest }) => rest))) return;
+  if (!isNew(at('measures'), all.map(({ pixels, lines, labels, ...rest }) => rest))) return;
   keep('measures', ownMeasures());
   at('measures').replaceChildren(...all.map(({ kind, points, reading, is_open: isOpen }, i) => {
     const made = document.createElement('div');
@@ -607,33 +607,30 @@ showMeasures.count = 0;
 
 // Measures are drawn over pictures at rest.
 function showLines(all) {
-  const lines = at('lines');
-  lines.setAttribute('viewBox', `0 0 ${canvas.width} ${canvas.height}`);
-  lines.setAttribute('preserveAspectRatio', 'none');
+  const over = at('lines');
+  over.setAttribute('viewBox', `0 0 ${canvas.width} ${canvas.height}`);
+  over.setAttribute('preserveAspectRatio', 'none');
   const make = (name, values) => {
     const made = document.createElementNS('http://www.w3.org/2000/svg', name);
     for (const [key, value] of Object.entries(values)) made.setAttribute(key, value);
     return made;
   };
   const shown = [];
-  for (const { kind, pixels } of all) {
-    const ends = kind === 'area' && pixels.length > 2 ? [...pixels, pixels[0]] : pixels;
-    for (let i = 0; i + 1 < ends.length; i++) {
-      if (kind === 'pairs' && i % 2) continue;
-      if (ends[i] && ends[i + 1]) shown.push(make('polyline', { points: `${ends[i]} ${ends[i + 1]}` }));
-    }
+  for (const { pixels, lines, labels } of all) {
+    for (const [from, to] of lines) shown.push(make('polyline', { points: `${from} ${to}` }));
     for (const pixel of pixels) if (pixel) shown.push(make('circle', { cx: pixel[0], cy: pixel[1], r: 3 }));
+    for (const { pixel, text } of labels) {
+      const label = make('text', { x: pixel[0], y: pixel[1], 'font-size': 12 * canvas.width / canvas.clientWidth });
+      label.textContent = text;
+      shown.push(label);
+    }
   }
-  lines.replaceChildren(...shown);
+  over.replaceChildren(...shown);
 }
 
 at('kind').addEventListener('change', ({ target }) => say({ do: 'measure', kind: target.value }));
 at('set-unit').addEventListener('click', () => {
-  const open = state.measures.find(({ is_open: isOpen }) => isOpen);
-  const [a, b] = open.points.slice(-2);
-  const length = Math.hypot(...a.map((value, i) => value - b[i]));
-  const unit = { name: at('unit-name').value.trim(), per_world: Number(at('length').value) / length };
-  say({ do: 'measures', measures: { ...ownMeasures(), unit } });
+  say({ do: 'unit', name: at('unit-name').value, length: Number(at('length').value) });
 });
 at('no-unit').addEventListener('click', () => say({ do: 'measures', measures: { all: ownMeasures().all } }));
 
@@ -687,11 +684,7 @@ function showTime() {
 
 at('turn').addEventListener('click', () => say({ do: 'turn' }));
 at('time').addEventListener('input', ({ target }) => say({ do: 'time', seconds: Number(target.value) }));
-at('close-path').addEventListener('click', () => {
-  const times = path.map(({ seconds }) => seconds);
-  const step = times.length > 1 ? times[times.length - 1] - times[times.length - 2] : 2;
-  setPath([...path, { ...path[0], seconds: times[times.length - 1] + step }]);
-});
+at('close-path').addEventListener('click', () => say({ do: 'close-path' }));
 at('save-path').addEventListener('click', () => save(new Blob([JSON.stringify(path, null, 1)]), 'path.json'));
 at('drop-path').addEventListener('click', () => setPath([]));
 at('film').addEventListener('click', () => say({ do: 'film', fps: Number(at('fps').value) }));

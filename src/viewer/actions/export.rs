@@ -112,6 +112,13 @@ impl Shots {
 }
 
 impl Viewer {
+    /// Says why something is not written.
+    pub fn refuse_to_write(&mut self, why: impl Into<String>) {
+        let why = why.into();
+        self.export.failure = Some(why.clone());
+        self.messages.error(why);
+    }
+
     /// Starts to write the view as a picture, to this file or to the next one that is free.
     pub fn write_picture(&mut self, device: &Device, reusable: Option<Reusable>, file: Option<PathBuf>) {
         let camera = self.view.camera();
@@ -128,8 +135,7 @@ impl Viewer {
         let name = file.as_ref().map_or_else(|| self.export.picture.clone(), |file| file.display().to_string());
         if Path::new(&name).extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
             let text = format!("{name}: what the window shows in place of colours is written as .png");
-            self.export.failure = Some(text.clone());
-            return self.messages.error(text);
+            return self.refuse_to_write(text);
         }
         let file = file.unwrap_or_else(|| self.export.next_picture());
         let summary = format!("{} written as shown, {}x{}", file.display(), size[0], size[1]);
@@ -137,26 +143,27 @@ impl Viewer {
         self.jobs.start(move |_| write_rgba8(&file, size, &pixels).map(|()| summary), JobEvent::Written);
     }
 
-    /// Starts to write the frames of the path: as numbered pictures in a folder, or as a video.
-    pub fn write_film(&mut self, device: &Device, reusable: Option<Reusable>) {
+    /// Starts to write the frames of the path: as a video or as numbered pictures in a folder, of this name or the
+    /// next one that is free.
+    pub fn write_film(&mut self, device: &Device, reusable: Option<Reusable>, file: Option<PathBuf>) {
         let size = self.export.size.unwrap_or(self.view.size);
         let cameras: Vec<_> = self.film.timeline.frames(self.film.fps).map(|camera| camera.resized(size)).collect();
         let count = cameras.len();
         if count == 0 {
-            return self.messages.note("there is no path to write: add keys to it");
+            return self.refuse_to_write("there is no path to write: add keys to it");
         }
-        if is_video(Path::new(&self.export.film)) {
+        let file = file.unwrap_or_else(|| self.export.next_film());
+        if is_video(&file) {
             if !has_ffmpeg() {
                 let what = "a video needs ffmpeg, which is not installed: name a folder, and its frames are written";
-                return self.messages.error(what);
+                return self.refuse_to_write(what);
             }
-            let file = self.export.next_film();
             let summary = format!("{} written, {count} frames", file.display());
             return self.write((device, reusable), cameras, Output::Video(file, self.film.fps), summary);
         }
-        let folder = self.export.next_film();
+        let folder = file;
         if let Err(problem) = make_folder(&folder) {
-            return self.messages.error(format!("{problem:#}"));
+            return self.refuse_to_write(format!("{problem:#}"));
         }
         let files = (0..count).map(|i| folder.join(format!("{i:05}.png"))).collect();
         let summary = format!("{count} frames written to {}", folder.display());
@@ -173,8 +180,8 @@ impl Viewer {
     ) {
         let plan = match self.plan(Side::First) {
             Ok(Some(plan)) => plan,
-            Ok(None) => return self.messages.note("there is nothing to write yet"),
-            Err(problem) => return self.messages.error(format!("{problem:#}")),
+            Ok(None) => return self.refuse_to_write("there is nothing to write yet"),
+            Err(problem) => return self.refuse_to_write(format!("{problem:#}")),
         };
         let (device, background) = (device.clone(), self.view.background);
         let cancel = Cancel::default();

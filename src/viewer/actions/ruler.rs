@@ -39,10 +39,11 @@ impl Viewer {
     pub fn set_unit(&mut self) {
         let line = self.open_measure().and_then(|measure| measure.lines().last().copied());
         let world = line.map_or(0.0, |[a, b]| a.distance(b));
-        if world <= 0.0 {
+        let per_world = self.ruler.known / world;
+        if !(per_world.is_finite() && per_world > 0.0) {
             return self.messages.note("mark two points whose distance is known first");
         }
-        let unit = LengthUnit { name: self.ruler.unit.trim().to_owned(), per_world: self.ruler.known / world };
+        let unit = LengthUnit { name: self.ruler.unit.trim().to_owned(), per_world };
         self.measures.unit = Some(unit);
     }
 

@@ -113,11 +113,7 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                     viewer.messages.note(summary);
                 }
                 Err(problem) if problem.is::<Cancelled>() => viewer.messages.note(format!("{problem:#}")),
-                Err(problem) => {
-                    let text = format!("{problem:#}");
-                    viewer.export.failure = Some(text.clone());
-                    viewer.messages.error(text);
-                }
+                Err(problem) => viewer.refuse_to_write(format!("{problem:#}")),
             }
         }
     }

@@ -56,7 +56,9 @@ impl Session {
                         for_window.push(WindowRequest::CopyPicture(image));
                     }
                 }
-                Request::WriteFilm => self.viewer.write_film(self.screen.device(), reusable(&self.pair)),
+                Request::WriteFilm(file) => {
+                    self.viewer.write_film(self.screen.device(), reusable(&self.pair), file);
+                }
                 Request::Evaluate => self.viewer.start_evaluation(self.screen.device().clone(), reusable(&self.pair)),
                 request @ (Request::Measure | Request::Choose) => {
                     let Some(first) = &self.pair.first else { continue };
@@ -162,9 +164,7 @@ impl Session {
     /// without panels.
     fn write_picture(&mut self, file: Option<PathBuf>) -> Result<()> {
         if self.pair.first.is_none() {
-            let text = "there is nothing to write yet";
-            self.viewer.export.failure = Some(text.to_owned());
-            self.viewer.messages.note(text);
+            self.viewer.refuse_to_write("there is nothing to write yet");
             return Ok(());
         }
         let device = self.screen.device().clone();

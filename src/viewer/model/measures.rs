@@ -173,6 +173,24 @@ impl Measures {
         }
     }
 
+    /// What is written over a picture of a measure, and the points of the world it is written at: the lengths of its
+    /// lines, or its angle, and its area.
+    pub fn labels(&self, measure: &Measure) -> Vec<(DVec3, String)> {
+        let points: Vec<DVec3> = measure.points().collect();
+        if measure.kind == MeasureKind::Angle {
+            return points
+                .get(1)
+                .zip(measure.angle())
+                .map(|(at, _)| (*at, self.reading(measure)))
+                .into_iter()
+                .collect();
+        }
+        let lengths = measure.lines().into_iter().map(|[a, b]| ((a + b) / 2.0, self.length(a.distance(b))));
+        let area = measure.area().filter(|_| measure.kind == MeasureKind::Area);
+        let middle = points.iter().sum::<DVec3>() / points.len() as f64;
+        lengths.chain(area.map(|(area, _)| (middle, self.area(area)))).collect()
+    }
+
     /// Adds a point to a measure; a full one, or none, is followed by another of this kind. Returns the index of the
     /// measure that has the point.
     pub fn add(&mut self, to: Option<usize>, kind: MeasureKind, point: DVec3) -> usize {
@@ -239,6 +257,21 @@ mod tests {
             measure(MeasureKind::Pairs, &[[0.0; 3], [0.0, 3.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 4.0], [9.0; 3]]);
         assert_eq!((pairs.lines().len(), pairs.root_mean_square()), (2, Some(12.5f64.sqrt())));
         assert_eq!(measure(MeasureKind::Area, &square[..2]).area(), None);
+    }
+
+    #[test]
+    fn labels_lie_at_lines_corners_and_in_the_middle() {
+        let measures = Measures::default();
+        let corners = [[0.0; 3], [2.0, 0.0, 0.0], [2.0, 4.0, 0.0]];
+        let labels = |kind, points: &[[f64; 3]]| measures.labels(&measure(kind, points));
+        let text = |x: f64, y: f64, text: &str| (DVec3::new(x, y, 0.0), text.to_owned());
+        let lengths = [text(1.0, 0.0, "2.0000"), text(2.0, 2.0, "4.0000")];
+        assert_eq!(labels(MeasureKind::Distance, &corners), lengths);
+        assert_eq!(labels(MeasureKind::Angle, &corners), [text(2.0, 0.0, "90.00°")]);
+        assert_eq!(labels(MeasureKind::Angle, &corners[..2]), []);
+        let area = labels(MeasureKind::Area, &corners);
+        assert_eq!((area.len(), area[3].1.as_str()), (4, "4.0000"));
+        assert_eq!(labels(MeasureKind::Area, &[]), []);
     }
 
     #[test]

@@ -11,6 +11,7 @@
 //! - `pictures` - which of the two pictures are stale, building or refused
 //! - `comparison`, `snapshot` - the second picture, and pixel values read back for numbers
 //! - `inspector`, `view_modes` - view modes, and the explained pixel
+//! - `seen_line` - lines of the world as they are seen in a picture
 //! - `measures`, `alignment` - points, distances, angles and areas, and the alignment of scenes by pairs of points
 //! - `timing`, `frame_times`, `rate` - frame times, the pace of the window, and the control that keeps a frame rate
 //! - `measuring` - costs of knobs and error budgets
@@ -55,6 +56,7 @@ mod rate;
 mod recent;
 mod requests;
 mod scenes;
+mod seen_line;
 mod setup;
 mod sharing;
 mod snapshot;
@@ -97,6 +99,7 @@ pub(crate) use property_values::{Histogram, PropertyValues};
 pub(crate) use rate::RateControl;
 pub use recent::{RecentState, Tab};
 pub use requests::{Request, Selecting, WindowRequest};
+pub(crate) use seen_line::{PARTS, before_camera, curve_pieces, line_pieces};
 pub use setup::{CompareWith, Setup, Start};
 pub(crate) use sharing::Sharing;
 pub(crate) use snapshot::{Area, PairDifference, area_between, cropped};

@@ -44,7 +44,8 @@ pub enum Request {
     WritePicture(Option<PathBuf>),
     /// Copy the picture, as shown, to the clipboard.
     CopyPicture,
-    WriteFilm,
+    /// Write the camera path to this video or folder, or to the next one that is free.
+    WriteFilm(Option<PathBuf>),
     /// Measure the costs of knobs.
     Measure,
     /// Choose options within the budget.

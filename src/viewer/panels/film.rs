@@ -106,7 +106,7 @@ fn export(viewer: &mut Viewer, ui: &mut Ui) {
         ui.add(TextEdit::singleline(&mut export.film).desired_width(90.0)).on_hover_text(hint);
         ui.add(DragValue::new(&mut viewer.film.fps).speed(0.1).range(1.0..=240.0).suffix(" fps"));
         if ui.button("Write film").clicked() {
-            viewer.requests.push(Request::WriteFilm);
+            viewer.requests.push(Request::WriteFilm(None));
         }
     });
     let Some(fraction) = export.progress else { return };

@@ -116,28 +116,11 @@ pub(super) fn over_picture(viewer: &Viewer, world: &WorldPainter, ui: &Ui) {
     for (i, measure) in viewer.measures.all.iter().enumerate() {
         let colour = if viewer.ruler.open == Some(i) { MARK } else { Color32::from_gray(220) };
         measure.points().for_each(|point| world.dot(point, 3.0, colour, ""));
-        for [a, b] in measure.lines() {
-            world.line([a, b], Stroke::new(1.5, colour));
-            if measure.kind != MeasureKind::Angle {
-                write(world, ui, (a + b) / 2.0, viewer.measures.length(a.distance(b)));
+        measure.lines().into_iter().for_each(|line| world.line(line, Stroke::new(1.5, colour)));
+        for (place, text) in viewer.measures.labels(measure) {
+            if let Some(at) = world.position(place) {
+                label(&painter(ui), (at, Align2::CENTER_CENTER), text);
             }
         }
-        let points: Vec<_> = measure.points().collect();
-        match (measure.kind, measure.area()) {
-            (MeasureKind::Angle, _) if points.len() == 3 => {
-                write(world, ui, points[1], viewer.measures.reading(measure))
-            }
-            (MeasureKind::Area, Some((area, _))) => {
-                let middle = points.iter().sum::<glam::DVec3>() / points.len() as f64;
-                write(world, ui, middle, viewer.measures.area(area));
-            }
-            _ => {}
-        }
-    }
-}
-
-fn write(world: &WorldPainter, ui: &Ui, place: glam::DVec3, text: String) {
-    if let Some(at) = world.position(place) {
-        label(&painter(ui), (at, Align2::CENTER_CENTER), text);
     }
 }

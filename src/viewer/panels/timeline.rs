@@ -63,7 +63,7 @@ fn buttons(viewer: &mut Viewer, ui: &mut Ui) {
     }
     ui.separator();
     if icon(ui, keys > 0, icons::FILM_STRIP, "Write the film: its file is named in the page Path") {
-        viewer.requests.push(Request::WriteFilm);
+        viewer.requests.push(Request::WriteFilm(None));
     }
     let field = DragValue::new(&mut viewer.film.step).speed(0.1).range(0.1..=60.0).suffix(" s per key");
     ui.add(field).on_hover_text("Between the keys that are added");

@@ -7,10 +7,7 @@ use glam::{DVec2, DVec3};
 
 use super::overlay::painter;
 use crate::camera::Camera;
-use crate::viewer::model::{Depths, Viewer};
-
-/// Parts of a segment that is drawn as a curve.
-const PARTS: u32 = 12;
+use crate::viewer::model::{Depths, PARTS, Viewer, before_camera, curve_pieces, line_pieces};
 
 /// Most parts of a segment that may be hidden by the picture, their length in pixels, and the opacity of hidden ones.
 const SEEN_PARTS: u32 = 96;
@@ -48,18 +45,12 @@ impl WorldPainter {
         if let Some(depths) = &self.depths {
             return self.parts([a, b], stroke, depths);
         }
-        if self.view.lens.is_some() {
-            return self.curve((0..=PARTS).map(|i| a.lerp(b, f64::from(i) / f64::from(PARTS))), stroke);
-        }
-        let Some([a, b]) = self.before_camera([a, b]) else { return };
-        if let (Some(a), Some(b)) = (self.position(a), self.position(b)) {
-            self.painter.line_segment([a, b], stroke);
-        }
+        self.pieces(&line_pieces(&self.view, [a, b]), stroke);
     }
 
     /// A segment in short parts, of which those behind the picture are drawn faintly.
     fn parts(&self, [a, b]: [DVec3; 2], stroke: Stroke, depths: &Depths) {
-        let Some([a, b]) = self.before_camera([a, b]) else { return };
+        let Some([a, b]) = before_camera(&self.view, [a, b]) else { return };
         let faint = Stroke::new(stroke.width, stroke.color.gamma_multiply(HIDDEN));
         let ends = [a, b].map(|end| self.view.projected(end));
         let long = match ends {
@@ -74,7 +65,6 @@ impl WorldPainter {
         // Neighbouring parts of one kind are one line.
         let mut way: Vec<Pos2> = Vec::new();
         let mut is_hidden = false;
-        let position = |pixel: DVec2| Pos2::new((pixel.x / self.points) as f32, (pixel.y / self.points) as f32);
         let draw = |way: &mut Vec<Pos2>, is_hidden: bool| {
             if way.len() > 1 {
                 self.painter.line(std::mem::take(way), if is_hidden { faint } else { stroke });
@@ -93,39 +83,24 @@ impl WorldPainter {
             let hides = depths.hides((a + b) / 2.0, (a_depth + b_depth) / 2.0);
             if way.is_empty() || hides != is_hidden {
                 draw(&mut way, is_hidden);
-                way.push(position(a));
+                way.push(self.in_points(a));
                 is_hidden = hides;
             }
-            way.push(position(b));
+            way.push(self.in_points(b));
         }
         draw(&mut way, is_hidden);
     }
 
-    /// The part of a segment in front of a pinhole; all of it through a lens.
-    fn before_camera(&self, [a, b]: [DVec3; 2]) -> Option<[DVec3; 2]> {
-        if self.view.lens.is_some() {
-            return Some([a, b]);
+    fn pieces(&self, pieces: &[[DVec2; 2]], stroke: Stroke) {
+        for piece in pieces {
+            self.painter.line_segment(piece.map(|end| self.in_points(end)), stroke);
         }
-        let near = 1e-3 * (a - b).length();
-        let [a_z, b_z] = [a, b].map(|place| self.view.view(place).z);
-        let cut = |p: DVec3, z: f64, q: DVec3, other_z: f64| {
-            if z >= near { p } else { p + (q - p) * ((near - z) / (other_z - z)) }
-        };
-        (a_z > near || b_z > near).then(|| [cut(a, a_z, b, b_z), cut(b, b_z, a, a_z)])
     }
 
-    /// The curve through points of the world, without the parts that leave the picture on one side and come back on
-    /// the other.
-    fn curve(&self, places: impl Iterator<Item = DVec3>, stroke: Stroke) {
-        let seen: Vec<Option<Pos2>> = places.map(|place| self.position(place)).collect();
-        let farthest = (f64::from(self.view.size_px[0]) / self.points / 2.0) as f32;
-        for pair in seen.windows(2) {
-            if let [Some(a), Some(b)] = *pair
-                && a.distance(b) < farthest
-            {
-                self.painter.line_segment([a, b], stroke);
-            }
-        }
+    /// A place of the picture in the window.
+    fn in_points(&self, pixel: DVec2) -> Pos2 {
+        let at = pixel / self.points;
+        Pos2::new(at.x as f32, at.y as f32)
     }
 
     /// A point with a name beside it, if it is in front of the camera.
@@ -160,7 +135,8 @@ impl WorldPainter {
         for i in 0..4 {
             let (from, to) = (corners[i], corners[(i + 1) % 4]);
             let border = (0..=PARTS).map(|k| from.lerp(to, f64::from(k) / f64::from(PARTS)));
-            self.curve(border.map(|place| camera.unprojected(place, deep)), stroke);
+            let places = border.map(|place| camera.unprojected(place, deep));
+            self.pieces(&curve_pieces(&self.view, places), stroke);
             // NaN where the lens sees nothing.
             let edge = [0.0, deep].map(|depth| camera.unprojected(from, depth));
             if edge[1].is_finite() {
@@ -172,7 +148,6 @@ impl WorldPainter {
     /// The position of a point in the window; `None` behind the camera.
     pub fn position(&self, place: DVec3) -> Option<Pos2> {
         let (pixel, _) = self.view.projected(place)?;
-        let at = pixel / self.points;
-        Some(Pos2::new(at.x as f32, at.y as f32))
+        Some(self.in_points(pixel))
     }
 }

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, anyhow, ensure};
 use egui::Event;
 
-use super::drive::drive;
+use super::drive::{check_fps, drive};
 use super::messages::{ClientMessage, ServerMessage};
 use super::news::{News, Told};
 use super::state::welcome;
@@ -41,15 +41,22 @@ pub struct Control {
     path: PathBuf,
     heard: Receiver<Heard>,
     program: Option<Program>,
-    /// A file for a picture, once that is at rest.
-    held: Option<PathBuf>,
-    /// A picture is being written.
+    /// What is to be written, once the picture is at rest.
+    held: Option<Held>,
+    /// A picture or a film is being written.
     is_writing: bool,
     /// Something was changed since the last frame.
     has_input: bool,
     /// More lines may wait; or they wait until the picture is at rest.
     has_more: bool,
     waits: bool,
+}
+
+/// Something to write.
+enum Held {
+    Picture(PathBuf),
+    /// A film of this many frames a second.
+    Film(f64, PathBuf),
 }
 
 /// What the thread of the socket hears.
@@ -135,14 +142,21 @@ impl Control {
         // A program that says much does not keep the window from drawing.
         for _ in 0..LINES_IN {
             // A picture is that of all messages before it, and of none after it.
-            let is_requested = session.viewer.requests.iter().any(|it| matches!(it, Request::WritePicture(_)));
+            let is_request = |request: &_| matches!(request, Request::WritePicture(_) | Request::WriteFilm(_));
+            let is_requested = session.viewer.requests.iter().any(is_request);
             if is_requested || self.held.is_some() && (self.has_input || !session.is_settled()) {
                 self.waits = true;
                 return events;
             }
-            if let Some(file) = self.held.take() {
+            if let Some(held) = self.held.take() {
                 session.viewer.export.failure = None;
-                session.viewer.requests.push(Request::WritePicture(Some(file)));
+                session.viewer.requests.push(match held {
+                    Held::Picture(file) => Request::WritePicture(Some(file)),
+                    Held::Film(fps, file) => {
+                        session.viewer.film.fps = fps;
+                        Request::WriteFilm(Some(file))
+                    }
+                });
                 (self.is_writing, self.has_input, self.waits) = (true, true, true);
                 return events;
             }
@@ -191,9 +205,15 @@ impl Control {
             }
             ClientMessage::Open { file } if !Path::new(&file).exists() => return Err(format!("there is no {file}")),
             ClientMessage::Open { file } => session.viewer.drop_file(Path::new(&file)),
-            ClientMessage::Picture { file } => self.held = Some(file),
-            // The user may be writing a film.
-            ClientMessage::StopFilm => return Err("this message is not for a window".to_owned()),
+            ClientMessage::Picture { file } => self.held = Some(Held::Picture(file)),
+            ClientMessage::Film { file: None, .. } => return Err("a film of a window needs a file name".to_owned()),
+            ClientMessage::Film { fps, file: Some(file) } => {
+                check_fps(fps)?;
+                self.held = Some(Held::Film(fps, file));
+            }
+            // Otherwise the user may be writing a film.
+            ClientMessage::StopFilm if self.is_writing => session.viewer.export.cancel.cancel(),
+            ClientMessage::StopFilm => return Err("no film of this program is being written".to_owned()),
             message => return drive(session, message),
         }
         Ok(Vec::new())

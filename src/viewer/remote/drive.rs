@@ -140,20 +140,28 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
             if measures.all.len() > MAX_MEASURES || points(&measures) > MAX_POINTS {
                 return Err(too_much());
             }
-            if measures.unit.as_ref().is_some_and(|unit| unit.name.chars().count() > MAX_NAME) {
-                return Err(format!("the name of a unit has {MAX_NAME} characters at most"));
-            }
+            measures.unit.as_ref().map_or(Ok(()), |unit| check_name(&unit.name))?;
             (viewer.measures, viewer.ruler.open) = (measures, None);
+        }
+        ClientMessage::Unit { name, length } => {
+            check_name(&name)?;
+            if !(1e-9..=1e9).contains(&length) {
+                return Err("the length of a line is from 1e-9 to 1e9".to_owned());
+            }
+            (viewer.ruler.unit, viewer.ruler.known) = (name, length);
+            viewer.set_unit();
         }
         ClientMessage::Path { keys } => {
             let path = Timeline::of_value(&keys).map_err(|problem| format!("this is no camera path: {problem:#}"))?;
             if path.keys().len() > MAX_KEYS {
-                return Err(format!("a path has {MAX_KEYS} keys at most"));
+                return Err(too_many_keys());
             }
             (viewer.film.timeline, viewer.film.is_playing) = (path, false);
             viewer.film.now = viewer.film.now.min(viewer.film.end());
         }
         ClientMessage::Turn => viewer.turn_path(),
+        ClientMessage::ClosePath if viewer.film.timeline.keys().len() >= MAX_KEYS => return Err(too_many_keys()),
+        ClientMessage::ClosePath => viewer.close_path(),
         ClientMessage::Time { seconds } => {
             viewer.film.is_playing = false;
             viewer.show_time(if seconds.is_finite() { seconds.clamp(0.0, viewer.film.end()) } else { 0.0 });
@@ -203,6 +211,20 @@ fn has_room(viewer: &Viewer) -> bool {
     measures.all.len() + requested < MAX_MEASURES && points(measures) + requested < MAX_POINTS
 }
 
+/// Checks the number of frames a second of a film.
+pub fn check_fps(fps: f64) -> Result<(), String> {
+    (1.0..=240.0).contains(&fps).then_some(()).ok_or_else(|| "a film has 1 to 240 frames a second".to_owned())
+}
+
+fn check_name(name: &str) -> Result<(), String> {
+    let is_short = name.chars().count() <= MAX_NAME;
+    is_short.then_some(()).ok_or_else(|| format!("the name of a unit has {MAX_NAME} characters at most"))
+}
+
+fn too_many_keys() -> String {
+    format!("a path has {MAX_KEYS} keys at most")
+}
+
 fn too_much() -> String {
     format!("there are {MAX_MEASURES} measures and {MAX_POINTS} points at most")
 }
@@ -248,7 +270,6 @@ fn mode_of(mode: CompareBy) -> CompareMode {
     }
 }
 
-/// The keys that are held with others from an event on; `None` if they are those before.
 /// Begins to choose options.
 fn choose(session: &mut Session, budget: BudgetEntry) -> Result<(), String> {
     let (wanted, range) = match budget {
@@ -271,6 +292,7 @@ fn choose(session: &mut Session, budget: BudgetEntry) -> Result<(), String> {
     Ok(())
 }
 
+/// The keys that are held with others from an event on; `None` if they are those before.
 fn held_keys(event: &InputEvent) -> Option<Modifiers> {
     match event {
         InputEvent::Button { held, .. } | InputEvent::Key { held, .. } => Some(modifiers(*held)),

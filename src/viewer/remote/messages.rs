@@ -72,14 +72,19 @@ pub enum ClientMessage {
     Measure { kind: MeasureKind },
     /// Replace all measures.
     Measures { measures: Measures },
+    /// Set the unit of lengths by the length of the last line of the open measure.
+    Unit { name: String, length: f64 },
     /// Replace the camera path, by one as [`ServerMessage::Path`] gives it; the empty list removes it.
     Path { keys: serde_json::Value },
     /// Replace the camera path by a turn around the point in the middle.
     Turn,
+    /// Add the first view of the camera path as its last one: the path is then played again and again.
+    ClosePath,
     /// Go to the view of the camera path at this time.
     Time { seconds: f64 },
-    /// Write the camera path as a video of this many frames a second. [`ServerMessage::Film`] follows.
-    Film { fps: f64 },
+    /// Write the camera path with this many frames a second: as a video, for which [`ServerMessage::Film`] follows; in
+    /// `smalto view --control` as this video or folder of pictures, for which [`Rest`](Self::Rest) waits.
+    Film { fps: f64, file: Option<PathBuf> },
     /// Stop writing a film.
     StopFilm,
     /// Answered with [`ServerMessage::Rests`] once all that was asked for before is done and shown.
@@ -363,6 +368,18 @@ pub struct MeasureEntry {
     pub is_open: bool,
     /// At rest: where its points are in the picture, in pixels; null for those that are not in front of the camera.
     pub pixels: Vec<Option<[f64; 2]>>,
+    /// At rest: the pieces of its lines in the picture, each from one pixel to another. Lenses bend lines.
+    pub lines: Vec<[[f64; 2]; 2]>,
+    /// At rest: its lengths, angle and area.
+    pub labels: Vec<LabelEntry>,
+}
+
+/// What is written over the picture.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct LabelEntry {
+    /// The middle of the text.
+    pub pixel: [f64; 2],
+    pub text: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]

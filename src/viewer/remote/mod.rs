@@ -17,7 +17,7 @@ mod state;
 pub use control::Control;
 #[cfg(feature = "serve")]
 pub use {
-    drive::drive,
+    drive::{check_fps, drive},
     messages::{ClientMessage, ServerMessage, State},
     news::{News, Told},
     state::{is_of_render, state, welcome},

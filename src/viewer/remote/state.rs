@@ -2,10 +2,12 @@
 
 use std::sync::LazyLock;
 
+use glam::DVec3;
+
 use super::drive::{ACTS, HELD};
 use super::messages::{
-    ActionEntry, CompareBy, ComparisonEntry, ExplanationEntry, KnobEntry, KnobKind, LookEntry, MeasureEntry,
-    MessageEntry, Rest, SceneEntry, ServerMessage, SplatEntry, State, Welcome,
+    ActionEntry, CompareBy, ComparisonEntry, ExplanationEntry, KnobEntry, KnobKind, LabelEntry, LookEntry,
+    MeasureEntry, MessageEntry, Rest, SceneEntry, ServerMessage, SplatEntry, State, Welcome,
 };
 use crate::gpu::Device;
 use crate::options::{KNOBS, Kind, Options};
@@ -16,7 +18,8 @@ use crate::render::{Inspection, Quantity};
 use crate::viewer::actions::Program;
 use crate::viewer::frame::Session;
 use crate::viewer::model::{
-    ACTIONS, Bindings, CompareMode, CompareTarget, ExplainedPixel, Measure, Numbers, VIEW_MODES, Viewer, preset_name,
+    ACTIONS, Bindings, CompareMode, CompareTarget, ExplainedPixel, Measure, Numbers, VIEW_MODES, Viewer, line_pieces,
+    preset_name,
 };
 
 /// Splats of an explained pixel that are listed.
@@ -155,15 +158,28 @@ pub fn is_of_render(session: &Session) -> bool {
 /// All measures, with their places in a picture at rest.
 fn measures(viewer: &Viewer, is_at_rest: bool) -> Vec<MeasureEntry> {
     let view = viewer.drawn_view();
-    let entry = |(i, measure): (usize, &Measure)| MeasureEntry {
-        kind: measure.kind,
-        points: measure.points.clone(),
-        reading: viewer.measures.reading(measure),
-        is_open: viewer.ruler.open == Some(i),
-        pixels: match is_at_rest {
-            true => measure.points().map(|point| view.projected(point).map(|(pixel, _)| pixel.to_array())).collect(),
-            false => Vec::new(),
-        },
+    let pixel_of = |point: DVec3| view.projected(point).map(|(pixel, _)| pixel.to_array());
+    let entry = |(i, measure): (usize, &Measure)| {
+        let entry = MeasureEntry {
+            kind: measure.kind,
+            points: measure.points.clone(),
+            reading: viewer.measures.reading(measure),
+            is_open: viewer.ruler.open == Some(i),
+            pixels: Vec::new(),
+            lines: Vec::new(),
+            labels: Vec::new(),
+        };
+        if !is_at_rest {
+            return entry;
+        }
+        let lines = measure.lines().into_iter().flat_map(|line| line_pieces(&view, line));
+        let labels = viewer.measures.labels(measure).into_iter();
+        MeasureEntry {
+            pixels: measure.points().map(pixel_of).collect(),
+            lines: lines.map(|ends| ends.map(<[f64; 2]>::from)).collect(),
+            labels: labels.filter_map(|(at, text)| Some(LabelEntry { pixel: pixel_of(at)?, text })).collect(),
+            ..entry
+        }
     };
     viewer.measures.all.iter().enumerate().map(entry).collect()
 }
