@@ -16,7 +16,7 @@ pub struct Environment {
     /// `SMALTO_SHADERS`: a folder like `glsl/` whose shaders are compiled at run time; needs the feature `reload`.
     pub shaders: Option<PathBuf>,
     /// `SMALTO_FAULT`: a fault that the viewer simulates after a number of frames, for tests: `device@100`,
-    /// `surface@100` or `memory@100`. `render` simulates the first of these.
+    /// `surface@100` or `memory@100`. `render` and `serve` simulate the first of these.
     pub fault: Option<String>,
     /// `SMALTO_FAULT`: a fault of reading page files: `page@3` for a page that cannot be read, `slow@5` for reads that
     /// take 5 ms longer.

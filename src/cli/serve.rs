@@ -1,21 +1,24 @@
 //! `smalto serve`: the viewer in browsers.
 
+use std::cell::RefCell;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 
 use super::devices::{DevicesArgs, first_and_others};
+use super::environment::Environment;
 use super::headings::{ACCURACY, CAMERAS};
 use super::knobs::Knobs;
 use super::scenes::ReadingArgs;
-use super::view::{opaque, options, procedural};
+use super::view::{self, opaque, options, procedural};
 use super::{Usage, complain, knobs, remark, say, values};
 use crate::files::describe;
+use crate::gpu::Device;
 use crate::rules::Background;
 use crate::scene::Unreadable;
 use crate::serve;
-use crate::serve::{Admission, Limits};
+use crate::serve::{Admission, Limits, Reopening};
 use crate::viewer::{Setup, Start};
 
 /// Show scenes in browsers: the viewer of a machine without a screen
@@ -126,8 +129,17 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for line in addresses(address, admission.token.as_deref()) {
         say!("{line}")?;
     }
-    serve::serve(listener, &device, setup, admission, Limits { clients: args.clients as usize })?;
-    other_devices.iter().chain([&device]).try_for_each(complain)
+    let current = RefCell::new(device.clone());
+    let open = |lost: &Device| {
+        complain(lost)?;
+        let device = args.device.open(1)?.remove(0);
+        current.replace(device.clone());
+        Ok(device)
+    };
+    let reopening = Reopening { open: &open, fault: view::fault(&Environment::read()?)? };
+    let limits = Limits { clients: args.clients as usize };
+    serve::serve(listener, (device, reopening), setup, (admission, limits))?;
+    other_devices.iter().chain([&*current.borrow()]).try_for_each(complain)
 }
 
 /// What a user needs to connect: the address of the web page, and how to reach it from elsewhere.

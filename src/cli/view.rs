@@ -27,7 +27,8 @@ use crate::rules::Background;
 use crate::scene::Focus;
 use crate::viewer;
 use crate::viewer::{
-    Bindings, CompareMode, CompareWith, Digest, PATH_FPS, PageCounts, RecentState, Setup, Start, Summary, WindowSetup,
+    Bindings, CompareMode, CompareWith, Digest, Fault, PATH_FPS, PageCounts, RecentState, Setup, Start, Summary,
+    WindowSetup,
 };
 
 /// Open scenes in a window: fly through them, see the GPU time of every stage, look inside the pipeline
@@ -216,6 +217,12 @@ fn vsync_values() -> impl TypedValueParser<Value = Vsync> {
     })
 }
 
+/// The fault that the environment simulates.
+pub(super) fn fault(environment: &Environment) -> Result<Option<Fault>, Usage> {
+    let fault = environment.fault.as_ref().map(|text| text.parse());
+    fault.transpose().map_err(|problem: anyhow::Error| Usage(format!("SMALTO_FAULT: {problem:#}")))
+}
+
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
     for scene in &args.scenes {
@@ -259,9 +266,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let (device, validation, other_devices) = args.device.first_and_others()?;
     let setup = Setup { other_devices, ..setup };
     let environment = Environment::read()?;
-    let fault =
-        environment.fault.map(|text| text.parse().map_err(|problem| Usage(format!("SMALTO_FAULT: {problem:#}"))));
-    let fault = fault.transpose()?;
+    let fault = fault(&environment)?;
     viewer::run(WindowSetup {
         viewer: setup,
         size: args.size,

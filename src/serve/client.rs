@@ -138,6 +138,11 @@ impl Client {
         self.due = Some(Instant::now());
     }
 
+    /// Draws on another device, as that before is lost.
+    pub fn recover(&mut self, device: &Device) -> Result<()> {
+        self.offscreen.recover(device)
+    }
+
     /// Shows what the first viewer of the server has read again, and what it has said since a time.
     pub fn follow(&mut self, first: &Offscreen, since: Instant) {
         self.offscreen.follow(first, since);
@@ -208,7 +213,7 @@ impl Client {
     /// Opens a file in addition to the open ones, one after another.
     fn open(&mut self, file: Option<PathBuf>) -> Result<(), String> {
         let viewer = self.offscreen.viewer();
-        if viewer.scenes.are_loading() || viewer.comparison.is_loading {
+        if viewer.scenes.are_loading() || viewer.comparison.requests_under_way > 0 {
             return Err("a file is being read already".to_owned());
         }
         if viewer.scenes.layers.len() >= MAX_SCENES {
@@ -273,23 +278,22 @@ impl Client {
             .map(|due| due.max(self.drawn + self.link.interval()))
     }
 
-    /// Draws a frame, and sends what has changed.
+    /// Draws a frame, and sends what has changed. True if the picture is a new one.
     ///
     /// # Errors
     /// [`DeviceLost`]. Other problems end the connection.
-    pub fn step(&mut self) -> Result<()> {
+    pub fn step(&mut self) -> Result<bool> {
         match self.advance() {
-            Err(problem) if problem.is::<DeviceLost>() => Err(problem),
-            Err(problem) => {
+            Err(problem) if !problem.is::<DeviceLost>() => {
                 self.outbox.end(format!("{problem:#}"));
                 self.due = None;
-                Ok(())
+                Ok(false)
             }
-            Ok(()) => Ok(()),
+            outcome => outcome,
         }
     }
 
-    fn advance(&mut self) -> Result<()> {
+    fn advance(&mut self) -> Result<bool> {
         self.drawn = Instant::now();
         let before = self.offscreen.viewer().timing.pace.shown;
         let input = std::mem::take(&mut self.input);
@@ -322,7 +326,7 @@ impl Client {
             next,
         ];
         self.due = waits.into_iter().flatten().min();
-        Ok(())
+        Ok(is_shown)
     }
 
     /// Sends the address of a film that is written. What went wrong otherwise is a message of the viewer.

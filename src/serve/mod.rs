@@ -23,3 +23,4 @@ mod sessions;
 
 pub use admission::{Admission, new_token};
 pub use server::{Limits, serve};
+pub use sessions::Reopening;

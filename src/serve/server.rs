@@ -29,7 +29,7 @@ use super::admission::Admission;
 use super::films::Films;
 use super::outbox::{Outbox, Outgoing};
 use super::session_event::{Said, SessionEvent};
-use super::sessions::Sessions;
+use super::sessions::{Reopening, Sessions};
 use crate::gpu::Device;
 use crate::threads;
 use crate::viewer::Setup;
@@ -99,11 +99,17 @@ struct Shared {
     last_id: AtomicU64,
 }
 
-/// Serves the scenes of a setup on a listener, until the device is lost or the scenes turn out to be unreadable.
+/// Serves the scenes of a setup on a listener, until the device is lost and cannot be opened again, or the scenes turn
+/// out to be unreadable.
 ///
 /// # Errors
 /// These two; or the system gives no thread.
-pub fn serve(listener: TcpListener, device: &Device, setup: Setup, admission: Admission, limits: Limits) -> Result<()> {
+pub fn serve(
+    listener: TcpListener,
+    device: (Device, Reopening),
+    setup: Setup,
+    (admission, limits): (Admission, Limits),
+) -> Result<()> {
     let (sender, events) = unbounded();
     let films = Films::default();
     let mut sessions = Sessions::new(device, setup, admission.clone(), (sender.clone(), films.clone()))?;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Error, Result};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
 use rayon::ThreadPool;
 
@@ -11,10 +11,10 @@ use super::admission::Admission;
 use super::client::Client;
 use super::films::Films;
 use super::session_event::SessionEvent;
-use crate::gpu::Device;
+use crate::gpu::{Device, DeviceLost};
 use crate::threads;
 use crate::viewer::remote::{ClientMessage, state};
-use crate::viewer::{Offscreen, Setup};
+use crate::viewer::{Fault, MAX_LOSSES, Offscreen, Setup};
 
 /// The number of the first viewer; those of clients begin at 1.
 const FIRST: u64 = 0;
@@ -29,7 +29,7 @@ const READING: Duration = Duration::from_millis(20);
 const LEAVING: Duration = Duration::from_millis(200);
 
 /// All viewers of a server.
-pub struct Sessions {
+pub struct Sessions<'r> {
     device: Device,
     setup: Setup,
     admission: Admission,
@@ -47,23 +47,38 @@ pub struct Sessions {
     clients: Vec<Client>,
     /// Clients that have left, and whose jobs still run.
     leaving: Vec<Client>,
+    reopening: Reopening<'r>,
+    /// Devices lost in a row, without a picture between them.
+    losses: u32,
+    /// The first viewer has not drawn on the device since that was opened again, and clients wait for its scenes.
+    is_recovering: bool,
+    /// Frames of clients.
+    frames: u64,
 }
 
-impl Sessions {
+/// What a server does without its device.
+pub struct Reopening<'r> {
+    /// Opens the device again; it is given the lost one.
+    pub open: &'r dyn Fn(&Device) -> Result<Device>,
+    /// A loss to simulate, for tests.
+    pub fault: Option<Fault>,
+}
+
+impl<'r> Sessions<'r> {
     /// The viewers of a server. The first one begins to read the scenes of the setup.
     ///
     /// # Errors
     /// If device memory runs out.
     pub fn new(
-        device: &Device,
+        (device, reopening): (Device, Reopening<'r>),
         setup: Setup,
         admission: Admission,
         (sender, films): (Sender<SessionEvent>, Films),
     ) -> Result<Self> {
         let wake = sender.clone();
         let wake = Arc::new(move || drop(wake.send(SessionEvent::Wake(FIRST))));
-        let first = Offscreen::bare(setup.clone(), device, FIRST_SIZE, wake)?;
-        let (device, pool) = (device.clone(), Arc::new(threads::pool(rayon::current_num_threads())?));
+        let first = Offscreen::bare(setup.clone(), &device, FIRST_SIZE, wake)?;
+        let pool = Arc::new(threads::pool(rayon::current_num_threads())?);
         Ok(Self {
             device,
             setup,
@@ -77,43 +92,79 @@ impl Sessions {
             followed: Instant::now(),
             clients: Vec::new(),
             leaving: Vec::new(),
+            reopening,
+            losses: 0,
+            is_recovering: false,
+            frames: 0,
         })
     }
 
-    /// Draws until the device is lost, or the scenes turn out to be unreadable.
+    /// Draws until the device is lost again and again, or the scenes turn out to be unreadable.
     ///
     /// # Errors
-    /// These two.
+    /// These two; or a lost device cannot be opened again.
     pub fn run(&mut self, events: &Receiver<SessionEvent>) -> Result<()> {
         loop {
-            self.leaving.retain(Client::has_jobs);
-            let leaves = (!self.leaving.is_empty()).then(|| Instant::now() + LEAVING);
-            let event = match self.clients.iter().filter_map(Client::due).chain(self.reads_at).chain(leaves).min() {
-                None => events.recv().map_err(|_| RecvTimeoutError::Disconnected),
-                Some(due) => events.recv_deadline(due),
-            };
-            match event {
-                Ok(event) => {
-                    self.handle(event)?;
-                    events.try_iter().try_for_each(|event| self.handle(event))?;
-                }
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Ok(()),
-            }
-            let now = Instant::now();
-            if self.reads_at.is_some_and(|due| due <= now) {
-                self.read()?;
-            }
-            for client in &mut self.clients {
-                if client.due().is_some_and(|due| due <= now) {
-                    client.step()?;
-                }
-            }
-            // Each round begins with another one, so that none waits for the others again and again.
-            if !self.clients.is_empty() {
-                self.clients.rotate_left(1);
+            match self.turn(events) {
+                Ok(true) => {}
+                Ok(false) => return Ok(()),
+                Err(failure) if failure.is::<DeviceLost>() && self.losses < MAX_LOSSES => self.recover(&failure)?,
+                Err(failure) => return Err(failure),
             }
         }
+    }
+
+    /// Waits until something is due, and does that. False once nothing can happen any more.
+    fn turn(&mut self, events: &Receiver<SessionEvent>) -> Result<bool> {
+        self.leaving.retain(Client::has_jobs);
+        let leaves = (!self.leaving.is_empty()).then(|| Instant::now() + LEAVING);
+        let clients = self.clients.iter().filter(|_| !self.is_recovering).filter_map(Client::due);
+        let event = match clients.chain(self.reads_at).chain(leaves).min() {
+            None => events.recv().map_err(|_| RecvTimeoutError::Disconnected),
+            Some(due) => events.recv_deadline(due),
+        };
+        match event {
+            Ok(event) => {
+                self.handle(event)?;
+                events.try_iter().try_for_each(|event| self.handle(event))?;
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Ok(false),
+        }
+        let now = Instant::now();
+        if self.reads_at.is_some_and(|due| due <= now) {
+            self.read()?;
+        }
+        if self.is_recovering {
+            return Ok(true);
+        }
+        for client in &mut self.clients {
+            if client.due().is_some_and(|due| due <= now) {
+                self.frames += 1;
+                if self.reopening.fault.is_some_and(|fault| fault.is_loss_in(self.frames)) {
+                    return Err(DeviceLost("the GPU was lost (injected by SMALTO_FAULT)".to_owned()).into());
+                }
+                if client.step()? {
+                    self.losses = 0;
+                }
+            }
+        }
+        // Each round begins with another one, so that none waits for the others again and again.
+        if !self.clients.is_empty() {
+            self.clients.rotate_left(1);
+        }
+        Ok(true)
+    }
+
+    /// Opens the lost device again. Clients go on once the first viewer has its scenes there.
+    fn recover(&mut self, failure: &Error) -> Result<()> {
+        self.losses += 1;
+        self.first.viewer().messages.error(format!("{failure:#}; the device is opened again"));
+        self.device = (self.reopening.open)(&self.device)?;
+        self.first.recover(&self.device)?;
+        self.clients.iter_mut().try_for_each(|client| client.recover(&self.device))?;
+        (self.is_recovering, self.reads_at) = (true, Some(Instant::now()));
+        Ok(())
     }
 
     /// A frame of the first viewer. Clients join once it has read the scenes, and follow it when it reads them again.
@@ -127,7 +178,7 @@ impl Sessions {
             return Err(failure);
         }
         for client in &mut self.clients {
-            match (self.is_read, is_settled) {
+            match (client.has_joined(), is_settled) {
                 (true, true) => client.follow(&self.first, self.followed),
                 (true, false) => {}
                 (false, true) => client.join(&self.first),
@@ -135,7 +186,7 @@ impl Sessions {
             }
         }
         if is_settled {
-            (self.is_read, self.followed) = (true, Instant::now());
+            (self.is_read, self.is_recovering, self.followed) = (true, false, Instant::now());
         }
         Ok(())
     }
@@ -148,7 +199,7 @@ impl Sessions {
                 let shared = (self.pool.clone(), self.films.clone());
                 match Client::new(connection, server, shared, (size, view)) {
                     Ok(mut client) => {
-                        if self.is_read {
+                        if self.is_read && !self.is_recovering {
                             client.join(&self.first);
                         }
                         self.clients.push(client);

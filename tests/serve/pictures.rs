@@ -1,6 +1,6 @@
 //! The pictures of a client: compressed ones while the view moves, and the file of `smalto render` at rest.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::client::{Client, Heard, SIZE};
 use crate::common::program::{ok, path};
@@ -160,4 +160,29 @@ fn each_client_has_a_view_of_its_own() {
         }
     };
     drop(again);
+}
+
+/// The views of clients outlive the device, and pictures are those of before.
+#[test]
+fn a_lost_device_is_opened_again() {
+    let server = Server::losing_its_device_in(60, &["cactus:2000"]);
+    let mut clients = [Client::connect(&server), Client::connect(&server)];
+    let view = |client: &mut Client| client.until(|state| !state["rest"].is_null())["rest"]["view"].clone();
+    let before = clients.each_mut().map(|client| (client.exact(), view(client)));
+    let turned = |points: u32| json!([{ "kind": "move", "x": 80, "y": 48 }, { "kind": "wheel", "points": points }]);
+    clients[0].input(turned(200));
+    clients[0].exact();
+    let moved = view(&mut clients[0]);
+    let is_told = |state: &Value| state["messages"].to_string().contains("the device is opened again");
+    while !is_told(&clients[1].state) {
+        clients[1].input(turned(20));
+        clients[1].compressed();
+    }
+    clients[0].until(is_told);
+    assert!(moved != before[0].1 && view(&mut clients[0]) == moved);
+    for (client, (picture, view)) in clients.iter_mut().zip(&before) {
+        client.say(json!({ "do": "view", "view": view }));
+        while client.exact().png != picture.png {}
+    }
+    assert!(Client::connect(&server).exact().png == before[1].0.png, "a new client sees the first view");
 }

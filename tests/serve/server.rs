@@ -20,7 +20,12 @@ impl Server {
     }
 
     pub fn start_at(port: u16, arguments: &[&str]) -> Self {
-        Self::start_with(port, arguments, None)
+        Self::start_with(port, arguments, None, None)
+    }
+
+    /// Starts a server that loses its device in this frame of its clients.
+    pub fn losing_its_device_in(frame: u32, arguments: &[&str]) -> Self {
+        Self::start_with(0, arguments, None, Some(frame))
     }
 
     /// Starts a server that finds the program `ffmpeg` in a folder.
@@ -29,13 +34,16 @@ impl Server {
         let file = folder.join("ffmpeg");
         std::fs::write(&file, script).unwrap();
         std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o755)).unwrap();
-        Self::start_with(0, arguments, Some(folder))
+        Self::start_with(0, arguments, Some(folder), None)
     }
 
-    fn start_with(port: u16, arguments: &[&str], programs: Option<&Path>) -> Self {
+    fn start_with(port: u16, arguments: &[&str], programs: Option<&Path>, loss: Option<u32>) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
         command.arg("serve").args(arguments).args(["--port", &port.to_string()]);
         command.env("SMALTO_VALIDATION", "1").env("XDG_CACHE_HOME", env!("CARGO_TARGET_TMPDIR"));
+        if let Some(frame) = loss {
+            command.env("SMALTO_FAULT", format!("device@{frame}"));
+        }
         if let Some(folder) = programs {
             command.env("PATH", format!("{}:{}", folder.display(), std::env::var("PATH").unwrap()));
             // The end of a test kills the server, which then leaves its films.

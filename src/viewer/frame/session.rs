@@ -115,6 +115,15 @@ impl Session {
         self.viewer.comparison.is_stale = true;
     }
 
+    /// Draws to a screen of another device, as the device before is lost. The screen before is closed first, since a
+    /// window has one surface at a time.
+    pub fn recover(&mut self, screen: impl FnOnce() -> Result<Screen>) -> Result<()> {
+        self.drop_pictures();
+        self.screen.close();
+        self.replace_screen(screen()?);
+        Ok(())
+    }
+
     /// Drops the pictures and their memory, and does not build them again before their plans change.
     pub fn drop_pictures(&mut self) {
         for (side, _) in self.pair.drawn() {

@@ -18,6 +18,14 @@ pub(crate) enum FaultKind {
     OutOfMemory,
 }
 
+impl Fault {
+    /// True in its frame if it is the loss of the device.
+    #[cfg(feature = "serve")]
+    pub(crate) fn is_loss_in(&self, frame: u64) -> bool {
+        self.kind == FaultKind::DeviceLost && self.frame == frame
+    }
+}
+
 impl FromStr for Fault {
     type Err = anyhow::Error;
 

@@ -81,9 +81,15 @@ impl Offscreen {
 
     /// Shows what another viewer has read again, and what it has said since a time.
     pub fn follow(&mut self, other: &Self, since: Instant) {
-        if self.session.viewer.follow(&other.session.viewer, since) {
+        let has_changed = self.session.viewer.follow(&other.session.viewer, since);
+        if has_changed || self.session.pair.first.is_none() {
             self.borrow_scene(other);
         }
+    }
+
+    /// Draws on another device, as that before is lost.
+    pub fn recover(&mut self, device: &Device) -> Result<()> {
+        self.session.recover(|| Screen::offscreen(device, self.size))
     }
 
     fn borrow_scene(&mut self, other: &Self) {
