@@ -79,7 +79,7 @@ fn the_estimate_of_all_patches_is_the_measured_psnr() {
 #[test]
 fn memory_and_steps_change_no_estimate() {
     let gpu = Gpu::own();
-    let (file, camera) = (file(16_000), view(0, [192, 160]));
+    let (file, camera) = (file(40_000), view(0, [192, 160]));
     let small = open(Validation::Required).with_memory_limit(Some(54 << 20)).unwrap();
     let by_error = Options { lod_error: 100.0, ..Options::BALANCED };
     let by_psnr = Options { lod_psnr: 40.0, ..Options::BALANCED };
@@ -163,7 +163,7 @@ fn a_psnr_that_is_asked_for_is_kept() {
 #[test]
 fn a_psnr_is_kept_where_the_scene_is_small_and_where_the_picture_is_large() {
     let gpu = Gpu::new();
-    let file = file(8_000);
+    let file = file(16_000);
     let options = Options { lod_psnr: 55.0, ..Options::BALANCED };
     let mut renderer = renderer(&gpu.0, &file, &options);
     let (from, to) = (DVec3::new(0.0, 0.0, -25.0), DVec3::new(2.0, 1.0, 0.0));

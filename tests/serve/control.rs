@@ -158,6 +158,14 @@ fn looks_comparisons_and_pixels_are_shown() {
     let compared = client
         .until(|state| state["comparison"]["second"] == "float64 reference" && state["comparison"]["psnr"].is_f64());
     assert!(compared["comparison"]["psnr"].as_f64().unwrap() > 45.0, "{compared}");
+    // A reference that is withdrawn is dropped when it comes.
+    for number in 10..14 {
+        client.say(json!({ "do": "compare", "with": "reference" }));
+        client.say(json!({ "do": "compare", "with": "preview" }));
+        client.say(json!({ "do": "rest", "number": number }));
+        while client.told("rests")["number"] != number {}
+        client.until(|state| state["comparison"]["second"] == "preview");
+    }
     client.say(json!({ "do": "compare", "with": "nothing" }));
     client.until(|state| state["comparison"].is_null());
 }

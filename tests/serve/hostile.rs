@@ -106,6 +106,7 @@ fn strange(random: &mut Random) -> Value {
         json!({ "do": "turn" }),
         json!({ "do": "time", "seconds": x }),
         json!({ "do": "film", "fps": y }),
+        json!({ "do": "film", "fps": 30, "file": pick(&name) }),
         json!({ "do": "stop-film" }),
         json!({ "do": "rest", "number": pick(&whole) }),
         json!({ "do": "picture", "file": pick(&name) }),

@@ -49,6 +49,7 @@ fn a_path_is_changed_played_and_written_as_a_film() {
     client.say(json!({ "do": "close-path" }));
     let closed = client.told("path")["keys"].clone();
     assert_eq!((closed.as_array().unwrap().len(), &closed[2]["position"]), (3, &turn[0]["position"]));
+    assert!(refused(&mut client, json!({ "do": "close-path" })).contains("several views"));
     client.say(json!({ "do": "act", "action": "undo" }));
     assert_eq!(client.told("path")["keys"].as_array().unwrap().len(), 2);
     assert!(refused(&mut client, json!({ "do": "path", "keys": [turn[0], turn[0]] })).contains("no camera path"));
@@ -69,6 +70,7 @@ fn a_path_is_changed_played_and_written_as_a_film() {
             assert!(refused(&mut client, json!({ "do": "film", "fps": fps })).contains(why));
         }
     }
+    assert!(refused(&mut client, json!({ "do": "film", "fps": 2, "file": "a.mp4" })).contains("no file name"));
     client.say(json!({ "do": "film", "fps": 2 }));
     let film = client.told("film")["file"].as_str().unwrap().to_owned();
     let (status, text) = server.request(&film, "Host: localhost\r\n");
@@ -145,6 +147,8 @@ fn points_are_measured() {
     client.say(json!({ "do": "measure", "kind": "area" }));
     let state = rest(&mut client, 2);
     assert_eq!((&state["measures"][0]["reading"], &state["measures_next"]), (&json!("2.0000 m"), &json!("area")));
+    client.say(json!({ "do": "act", "action": "escape" }));
+    assert!(refused(&mut client, json!({ "do": "unit", "name": "m", "length": 2 })).contains("two points"));
     let wrong = json!({ "do": "measures", "measures": { "unit": { "name": "m", "per_world": 0 } } });
     assert!(refused(&mut client, wrong).contains("unit of length"));
     assert!(refused(&mut client, json!({ "do": "unit", "name": "m", "length": 0 })).contains("length of a line"));

@@ -129,6 +129,7 @@ fn a_program_sets_views_and_options_and_gets_pictures() {
             (json!({ "do": "preset", "name": "best" }), "no preset best"),
             (json!({ "do": "resize", "size": [8, 8] }), "not for the viewer"),
             (json!({ "do": "film", "fps": 30 }), "needs a file name"),
+            (json!({ "do": "close-path" }), "several views"),
             (json!({ "do": "film", "fps": 0, "file": folder.path().join("film") }), "1 to 240"),
             (json!({ "do": "film", "fps": 30, "file": folder.path().join("film") }), "no path to write"),
             (json!({ "do": "stop-film" }), "no film of this program"),
@@ -143,6 +144,8 @@ fn a_program_sets_views_and_options_and_gets_pictures() {
         // A film as a folder of pictures, all written before the answer.
         program.say(&json!({ "do": "turn" }));
         program.ask(&json!({ "do": "film", "fps": 1, "file": folder.path().join("film") })).unwrap();
+        let again = json!({ "do": "film", "fps": 1, "file": folder.path().join("film") });
+        assert!(program.ask(&again).unwrap_err().contains("not empty"));
         let frame = |i: usize| folder.path().join(format!("film/{i:05}.png"));
         let frames = (0..).map(frame).take_while(|file| file.exists());
         let frames: Vec<_> = frames.map(|file| image::open(file).unwrap()).collect();

@@ -74,12 +74,11 @@ fn measures_stay_in_the_project_with_their_unit() {
     let folder = tempfile::tempdir().unwrap();
     let mut offscreen = open(&gpu, &["cactus:500"]);
     let viewer = offscreen.viewer();
-    viewer.set_unit();
-    assert!(viewer.measures.unit.is_none(), "there is no length yet");
+    assert!(viewer.set_unit().is_err() && viewer.measures.unit.is_none(), "there is no length yet");
     viewer.measure(DVec3::ZERO);
     viewer.measure(DVec3::new(0.0, 0.0, 4.0));
     (viewer.ruler.known, viewer.ruler.unit) = (2.0, "m".to_owned());
-    viewer.set_unit();
+    viewer.set_unit().unwrap();
     assert_eq!(viewer.measures.length(3.0), "1.5000 m");
     viewer.escape();
     offscreen.settle().unwrap();

@@ -257,7 +257,7 @@ fn a_path_is_made_of_keys_turns_and_loops() {
         |viewer: &smalto::viewer::Viewer| viewer.film.timeline.keys().iter().map(|key| key.seconds).collect::<Vec<_>>();
     assert_eq!(times(viewer), [0.0, 1.0, 2.0]);
     assert!(viewer.film.timeline.keys()[1].camera == viewer.view.camera() && viewer.view.camera() != half);
-    viewer.close_path();
+    viewer.close_path().unwrap();
     assert_eq!((times(viewer), viewer.film.repeats), (vec![0.0, 1.0, 2.0, 4.0], true));
     assert!(viewer.film.timeline.is_closed() && viewer.film.timeline.keys()[3].camera == first);
     viewer.record_undo_step();

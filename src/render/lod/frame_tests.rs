@@ -69,7 +69,7 @@ fn the_finest_cut_shows_the_bits_of_the_scene() {
 
 #[test]
 fn scenes_of_degree_4_have_the_same_bits_in_pages_and_by_levels() {
-    let (scene, device) = (cactus_of_degree_4(20_000), open(None));
+    let (scene, device) = (cactus_of_degree_4(40_000), open(None));
     let camera = view(&scene.gaussians, 0.7);
     let without = SceneSource::of(scene.gaussians.clone().of_degree(3));
     let whole = SceneSource::of(scene.gaussians.clone());

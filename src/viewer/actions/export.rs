@@ -111,9 +111,19 @@ impl Shots {
     }
 }
 
+/// Most frames of a film: an hour of 30 a second.
+const MAX_FRAMES: usize = 108_000;
+
 impl Viewer {
-    /// Says why something is not written.
-    pub fn refuse_to_write(&mut self, why: impl Into<String>) {
+    /// Says that there is nothing to write, or that it is not written any more.
+    pub fn write_nothing(&mut self, why: impl Into<String>) {
+        let why = why.into();
+        self.export.failure = Some(why.clone());
+        self.messages.note(why);
+    }
+
+    /// Says why something cannot be written.
+    pub fn fail_to_write(&mut self, why: impl Into<String>) {
         let why = why.into();
         self.export.failure = Some(why.clone());
         self.messages.error(why);
@@ -135,7 +145,7 @@ impl Viewer {
         let name = file.as_ref().map_or_else(|| self.export.picture.clone(), |file| file.display().to_string());
         if Path::new(&name).extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
             let text = format!("{name}: what the window shows in place of colours is written as .png");
-            return self.refuse_to_write(text);
+            return self.fail_to_write(text);
         }
         let file = file.unwrap_or_else(|| self.export.next_picture());
         let summary = format!("{} written as shown, {}x{}", file.display(), size[0], size[1]);
@@ -143,27 +153,37 @@ impl Viewer {
         self.jobs.start(move |_| write_rgba8(&file, size, &pixels).map(|()| summary), JobEvent::Written);
     }
 
-    /// Starts to write the frames of the path: as a video or as numbered pictures in a folder, of this name or the
-    /// next one that is free.
+    /// Starts to write the frames of the path: as a video or as numbered pictures in an empty folder, of this name
+    /// or the next one that is free.
     pub fn write_film(&mut self, device: &Device, reusable: Option<Reusable>, file: Option<PathBuf>) {
         let size = self.export.size.unwrap_or(self.view.size);
-        let cameras: Vec<_> = self.film.timeline.frames(self.film.fps).map(|camera| camera.resized(size)).collect();
-        let count = cameras.len();
+        let count = self.film.timeline.frames(self.film.fps).len();
         if count == 0 {
-            return self.refuse_to_write("there is no path to write: add keys to it");
+            return self.write_nothing("there is no path to write: add keys to it");
         }
-        let file = file.unwrap_or_else(|| self.export.next_film());
+        if count > MAX_FRAMES {
+            return self.fail_to_write(format!("this film has {count} frames: {MAX_FRAMES} are the most"));
+        }
+        let file = match file {
+            None => Ok(self.export.next_film()),
+            Some(file) => self.export.given_film(file),
+        };
+        let file = match file {
+            Ok(file) => file,
+            Err(why) => return self.fail_to_write(why),
+        };
+        let cameras: Vec<_> = self.film.timeline.frames(self.film.fps).map(|camera| camera.resized(size)).collect();
         if is_video(&file) {
             if !has_ffmpeg() {
                 let what = "a video needs ffmpeg, which is not installed: name a folder, and its frames are written";
-                return self.refuse_to_write(what);
+                return self.fail_to_write(what);
             }
             let summary = format!("{} written, {count} frames", file.display());
             return self.write((device, reusable), cameras, Output::Video(file, self.film.fps), summary);
         }
         let folder = file;
         if let Err(problem) = make_folder(&folder) {
-            return self.refuse_to_write(format!("{problem:#}"));
+            return self.fail_to_write(format!("{problem:#}"));
         }
         let files = (0..count).map(|i| folder.join(format!("{i:05}.png"))).collect();
         let summary = format!("{count} frames written to {}", folder.display());
@@ -180,8 +200,8 @@ impl Viewer {
     ) {
         let plan = match self.plan(Side::First) {
             Ok(Some(plan)) => plan,
-            Ok(None) => return self.refuse_to_write("there is nothing to write yet"),
-            Err(problem) => return self.refuse_to_write(format!("{problem:#}")),
+            Ok(None) => return self.write_nothing("there is nothing to write yet"),
+            Err(problem) => return self.fail_to_write(format!("{problem:#}")),
         };
         let (device, background) = (device.clone(), self.view.background);
         let cancel = Cancel::default();

@@ -27,12 +27,19 @@ impl Viewer {
     }
 
     /// Adds the first view as the last key, so that the path can repeat.
-    pub fn close_path(&mut self) {
-        let Some(first) = self.film.timeline.keys().first().map(|key| key.camera.clone()) else { return };
+    ///
+    /// # Errors
+    /// The path has less than two keys, or ends at its first view already.
+    pub fn close_path(&mut self) -> Result<(), &'static str> {
+        let first = match self.film.timeline.keys() {
+            [first, _, ..] if !self.film.timeline.is_closed() => first.camera.clone(),
+            _ => return Err("only a path of several views that does not end at the first one can be closed"),
+        };
         let seconds = self.film.end() + self.film.step;
         let inserted = self.film.timeline.insert(seconds, first);
         self.film.repeats = true;
         self.report(inserted.map(|_| format!("the path ends at its first view, at {seconds:.1} s")));
+        Ok(())
     }
 
     /// Replaces the path by a full turn around the pivot, starting and ending at this view.

@@ -36,15 +36,19 @@ impl Viewer {
     }
 
     /// Sets the unit by the last line of the open measure, whose length is known.
-    pub fn set_unit(&mut self) {
+    ///
+    /// # Errors
+    /// There is no such line.
+    pub fn set_unit(&mut self) -> Result<(), &'static str> {
         let line = self.open_measure().and_then(|measure| measure.lines().last().copied());
         let world = line.map_or(0.0, |[a, b]| a.distance(b));
         let per_world = self.ruler.known / world;
         if !(per_world.is_finite() && per_world > 0.0) {
-            return self.messages.note("mark two points whose distance is known first");
+            return Err("mark two points whose distance is known first");
         }
         let unit = LengthUnit { name: self.ruler.unit.trim().to_owned(), per_world };
         self.measures.unit = Some(unit);
+        Ok(())
     }
 
     /// The measure that gets the next point.

@@ -112,8 +112,8 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
                     viewer.events.emit(&Event::Written { text: summary.clone() });
                     viewer.messages.note(summary);
                 }
-                Err(problem) if problem.is::<Cancelled>() => viewer.messages.note(format!("{problem:#}")),
-                Err(problem) => viewer.refuse_to_write(format!("{problem:#}")),
+                Err(problem) if problem.is::<Cancelled>() => viewer.write_nothing(format!("{problem:#}")),
+                Err(problem) => viewer.fail_to_write(format!("{problem:#}")),
             }
         }
     }

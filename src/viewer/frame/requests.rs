@@ -164,7 +164,7 @@ impl Session {
     /// without panels.
     fn write_picture(&mut self, file: Option<PathBuf>) -> Result<()> {
         if self.pair.first.is_none() {
-            self.viewer.refuse_to_write("there is nothing to write yet");
+            self.viewer.write_nothing("there is nothing to write yet");
             return Ok(());
         }
         let device = self.screen.device().clone();

@@ -146,10 +146,10 @@ impl Default for Comparison {
 }
 
 impl Comparison {
-    /// Compares with this target, also when a picture that is being drawn or read comes later.
+    /// Compares with this target. A picture that is still being drawn or read is then dropped.
     pub fn choose(&mut self, target: CompareTarget) {
         self.target = target;
-        self.is_loading = false;
+        (self.is_loading, self.requested_camera) = (false, None);
         self.last_request += 1;
     }
 

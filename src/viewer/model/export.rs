@@ -36,6 +36,19 @@ impl Export {
         self.next(&PathBuf::from(&self.film))
     }
 
+    /// The video or the empty folder of this name for a film.
+    ///
+    /// # Errors
+    /// There is no name, or the folder is not empty.
+    pub fn given_film(&mut self, file: PathBuf) -> Result<PathBuf, String> {
+        let file = std::path::absolute(&file).map_err(|_| "a film needs a name".to_owned())?;
+        if file.is_dir() && !is_empty(&file) {
+            return Err(format!("{} is a folder that is not empty", file.display()));
+        }
+        self.assigned.insert(file.clone());
+        Ok(file)
+    }
+
     fn next(&mut self, wanted: &Path) -> PathBuf {
         let wanted = std::path::absolute(wanted).unwrap_or_else(|_| wanted.to_owned());
         let numbered = |number: u32| {
@@ -43,7 +56,6 @@ impl Export {
             let ending = wanted.extension().map_or_else(String::new, |ending| format!(".{}", ending.to_string_lossy()));
             wanted.with_file_name(format!("{stem}-{number}{ending}"))
         };
-        let is_empty = |folder: &Path| folder.read_dir().is_ok_and(|mut all| all.next().is_none());
         let is_free =
             |file: &PathBuf| !self.assigned.contains(file) && (file.symlink_metadata().is_err() || is_empty(file));
         let mut names = std::iter::once(wanted.clone()).chain((2..).map(numbered));
@@ -51,6 +63,10 @@ impl Export {
         self.assigned.insert(file.clone());
         file
     }
+}
+
+fn is_empty(folder: &Path) -> bool {
+    folder.read_dir().is_ok_and(|mut all| all.next().is_none())
 }
 
 impl Default for Export {

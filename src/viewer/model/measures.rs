@@ -173,8 +173,8 @@ impl Measures {
         }
     }
 
-    /// What is written over a picture of a measure, and the points of the world it is written at: the lengths of its
-    /// lines, or its angle, and its area.
+    /// The texts of a measure, each with the point of the world at which it is written: the lengths of its lines and
+    /// its area, or its angle.
     pub fn labels(&self, measure: &Measure) -> Vec<(DVec3, String)> {
         let points: Vec<DVec3> = measure.points().collect();
         if measure.kind == MeasureKind::Angle {

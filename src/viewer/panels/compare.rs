@@ -45,7 +45,7 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
         });
     }
     let comparison = &mut viewer.comparison;
-    let is_loading = comparison.is_loading;
+    let is_loading = comparison.requests_under_way > 0;
     ui.horizontal(|ui| {
         if ui.add_enabled(!is_loading, egui::Button::new("Draw the float64 reference")).clicked() {
             viewer.compare_with_reference();

@@ -65,7 +65,7 @@ fn unit(viewer: &mut Viewer, ui: &mut Ui) {
         ui.add(TextEdit::singleline(&mut viewer.ruler.unit).desired_width(30.0));
         let hint = "All lengths are then shown in this unit";
         if ui.add_enabled(has_line, Button::new("Set")).on_hover_text(hint).clicked() {
-            viewer.set_unit();
+            viewer.set_unit().unwrap_or_else(|why| viewer.messages.note(why));
         }
     });
     if let Some(unit) = &viewer.measures.unit {

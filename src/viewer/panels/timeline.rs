@@ -39,7 +39,7 @@ fn buttons(viewer: &mut Viewer, ui: &mut Ui) {
     }
     let is_open = keys > 1 && !viewer.film.timeline.is_closed();
     if icon(ui, is_open, icons::LINK, "Close: the path ends at its first view, and plays again and again") {
-        viewer.close_path();
+        viewer.close_path().unwrap_or_else(|why| viewer.messages.note(why));
     }
     if icon(ui, true, icons::ARROWS_CLOCKWISE, "Turn: a path once around the pivot, from this view back to it") {
         viewer.turn_path();

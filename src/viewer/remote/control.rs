@@ -43,8 +43,9 @@ pub struct Control {
     program: Option<Program>,
     /// What is to be written, once the picture is at rest.
     held: Option<Held>,
-    /// A picture or a film is being written.
+    /// A picture or a film is being written; it is a film.
     is_writing: bool,
+    is_filming: bool,
     /// Something was changed since the last frame.
     has_input: bool,
     /// More lines may wait; or they wait until the picture is at rest.
@@ -120,6 +121,7 @@ impl Control {
             program: None,
             held: None,
             is_writing: false,
+            is_filming: false,
             has_input: false,
             has_more: false,
             waits: false,
@@ -150,6 +152,7 @@ impl Control {
             }
             if let Some(held) = self.held.take() {
                 session.viewer.export.failure = None;
+                self.is_filming = matches!(held, Held::Film(..));
                 session.viewer.requests.push(match held {
                     Held::Picture(file) => Request::WritePicture(Some(file)),
                     Held::Film(fps, file) => {
@@ -184,6 +187,12 @@ impl Control {
                     self.tell(ServerMessage::Pong { time }.text());
                     Ok(())
                 }
+                Ok(ClientMessage::StopFilm) if self.is_filming => {
+                    session.viewer.export.cancel.cancel();
+                    Ok(())
+                }
+                // The user may be writing a film.
+                Ok(ClientMessage::StopFilm) => Err("no film of this program is being written".to_owned()),
                 Ok(_) if !is_visible => Err("the window has no pixels now: it is minimized".to_owned()),
                 Ok(message) => self.take(session, message).map(|taken| events.extend(taken)),
                 Err(why) => Err(why),
@@ -211,9 +220,6 @@ impl Control {
                 check_fps(fps)?;
                 self.held = Some(Held::Film(fps, file));
             }
-            // Otherwise the user may be writing a film.
-            ClientMessage::StopFilm if self.is_writing => session.viewer.export.cancel.cancel(),
-            ClientMessage::StopFilm => return Err("no film of this program is being written".to_owned()),
             message => return drive(session, message),
         }
         Ok(Vec::new())
@@ -231,7 +237,7 @@ impl Control {
         self.has_input &= !is_handled;
         let is_settled = !self.has_input && session.is_settled();
         if self.is_writing && is_settled {
-            self.is_writing = false;
+            (self.is_writing, self.is_filming) = (false, false);
             if let Some(why) = session.viewer.export.failure.take() {
                 self.tell(ServerMessage::refused(why).text());
             }

@@ -116,8 +116,8 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         }
         ClientMessage::Compare { with } => match with.as_str() {
             "nothing" => viewer.comparison.choose(CompareTarget::Nothing),
-            "reference" if viewer.comparison.requests_under_way > 0 => {
-                return Err("a picture is being drawn already".to_owned());
+            "reference" | "photographs" if viewer.comparison.requests_under_way > 0 => {
+                return Err("a picture that was asked for before is being drawn or read: ask again later".to_owned());
             }
             "reference" => viewer.compare_with_reference(),
             "photographs" if !viewer.cameras.have_photographs() => return Err("no camera has a photograph".to_owned()),
@@ -149,7 +149,7 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
                 return Err("the length of a line is from 1e-9 to 1e9".to_owned());
             }
             (viewer.ruler.unit, viewer.ruler.known) = (name, length);
-            viewer.set_unit();
+            viewer.set_unit()?;
         }
         ClientMessage::Path { keys } => {
             let path = Timeline::of_value(&keys).map_err(|problem| format!("this is no camera path: {problem:#}"))?;
@@ -161,7 +161,7 @@ pub fn drive(session: &mut Session, message: ClientMessage) -> Result<Vec<Event>
         }
         ClientMessage::Turn => viewer.turn_path(),
         ClientMessage::ClosePath if viewer.film.timeline.keys().len() >= MAX_KEYS => return Err(too_many_keys()),
-        ClientMessage::ClosePath => viewer.close_path(),
+        ClientMessage::ClosePath => viewer.close_path()?,
         ClientMessage::Time { seconds } => {
             viewer.film.is_playing = false;
             viewer.show_time(if seconds.is_finite() { seconds.clamp(0.0, viewer.film.end()) } else { 0.0 });

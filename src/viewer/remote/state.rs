@@ -158,7 +158,10 @@ pub fn is_of_render(session: &Session) -> bool {
 /// All measures, with their places in a picture at rest.
 fn measures(viewer: &Viewer, is_at_rest: bool) -> Vec<MeasureEntry> {
     let view = viewer.drawn_view();
-    let pixel_of = |point: DVec3| view.projected(point).map(|(pixel, _)| pixel.to_array());
+    let pixel_of = |point: DVec3| {
+        let pixel = view.projected(point).map(|(pixel, _)| pixel).filter(|pixel| pixel.is_finite());
+        pixel.map(|pixel| pixel.to_array())
+    };
     let entry = |(i, measure): (usize, &Measure)| {
         let entry = MeasureEntry {
             kind: measure.kind,
@@ -173,6 +176,7 @@ fn measures(viewer: &Viewer, is_at_rest: bool) -> Vec<MeasureEntry> {
             return entry;
         }
         let lines = measure.lines().into_iter().flat_map(|line| line_pieces(&view, line));
+        let lines = lines.filter(|ends| ends.iter().all(|end| end.is_finite()));
         let labels = viewer.measures.labels(measure).into_iter();
         MeasureEntry {
             pixels: measure.points().map(pixel_of).collect(),
