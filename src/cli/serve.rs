@@ -92,6 +92,7 @@ const SERVER: &str = "Server";
 
 pub(super) fn run(args: &Args) -> Result<()> {
     args.knobs.check_gpu()?;
+    let fault = view::fault(&Environment::read()?)?;
     for scene in &args.scenes {
         let is_file = procedural(scene)?.is_none();
         // An address that leads to nothing is not printed.
@@ -136,7 +137,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         current.replace(device.clone());
         Ok(device)
     };
-    let reopening = Reopening { open: &open, fault: view::fault(&Environment::read()?)? };
+    let reopening = Reopening { open: &open, fault };
     let limits = Limits { clients: args.clients as usize };
     serve::serve(listener, (device, reopening), setup, (admission, limits))?;
     other_devices.iter().chain([&*current.borrow()]).try_for_each(complain)

@@ -138,9 +138,33 @@ impl Client {
         self.due = Some(Instant::now());
     }
 
-    /// Draws on another device, as that before is lost.
-    pub fn recover(&mut self, device: &Device) -> Result<()> {
-        self.offscreen.recover(device)
+    /// Frees the memory of a lost device, before it is opened again.
+    pub fn close(&mut self) {
+        self.offscreen.session.close();
+    }
+
+    /// Draws on the device that is opened again. What fails ends the connection.
+    ///
+    /// # Errors
+    /// [`DeviceLost`].
+    pub fn reopen(&mut self, device: &Device) -> Result<()> {
+        let reopened = self.offscreen.reopen(device);
+        self.end_unless_lost(reopened)
+    }
+
+    /// Ends the connection after a failure.
+    ///
+    /// # Errors
+    /// [`DeviceLost`].
+    fn end_unless_lost(&mut self, outcome: Result<()>) -> Result<()> {
+        match outcome {
+            Err(problem) if !problem.is::<DeviceLost>() => {
+                self.outbox.end(format!("{problem:#}"));
+                self.due = None;
+                Ok(())
+            }
+            outcome => outcome,
+        }
     }
 
     /// Shows what the first viewer of the server has read again, and what it has said since a time.
@@ -214,7 +238,7 @@ impl Client {
     fn open(&mut self, file: Option<PathBuf>) -> Result<(), String> {
         let viewer = self.offscreen.viewer();
         if viewer.scenes.are_loading() || viewer.comparison.requests_under_way > 0 {
-            return Err("a file is being read already".to_owned());
+            return Err("a file is being read, or a picture drawn: ask again when that is done".to_owned());
         }
         if viewer.scenes.layers.len() >= MAX_SCENES {
             return Err(format!("{MAX_SCENES} scenes are open: close one first"));
@@ -278,22 +302,16 @@ impl Client {
             .map(|due| due.max(self.drawn + self.link.interval()))
     }
 
-    /// Draws a frame, and sends what has changed. True if the picture is a new one.
+    /// Draws a frame, and sends what has changed.
     ///
     /// # Errors
     /// [`DeviceLost`]. Other problems end the connection.
-    pub fn step(&mut self) -> Result<bool> {
-        match self.advance() {
-            Err(problem) if !problem.is::<DeviceLost>() => {
-                self.outbox.end(format!("{problem:#}"));
-                self.due = None;
-                Ok(false)
-            }
-            outcome => outcome,
-        }
+    pub fn step(&mut self) -> Result<()> {
+        let outcome = self.advance();
+        self.end_unless_lost(outcome)
     }
 
-    fn advance(&mut self) -> Result<bool> {
+    fn advance(&mut self) -> Result<()> {
         self.drawn = Instant::now();
         let before = self.offscreen.viewer().timing.pace.shown;
         let input = std::mem::take(&mut self.input);
@@ -302,8 +320,10 @@ impl Client {
         let has_news = self.offscreen.session.retire_frames(true)?;
         let now = Instant::now();
         let is_shown = self.offscreen.viewer().timing.pace.shown > before;
-        // Nothing is sent before the first picture; later the screen is black while no scene is shown.
-        if is_shown && (self.picture.is_some() || self.offscreen.session.pair.first.is_some()) {
+        // The screen is black while no scene is shown, but also before a picture is built, which is not sent.
+        let session = &self.offscreen.session;
+        let is_picture = session.pair.first.is_some() || self.picture.is_some() && session.draws_nothing();
+        if is_shown && is_picture {
             let (size, rgba) = (self.offscreen.size(), self.offscreen.screen()?);
             if self.picture.as_ref().is_none_or(|last| last.size != size || last.rgba != rgba) {
                 self.send_compressed(Arc::new(ShownPicture { size, rgba }));
@@ -326,7 +346,7 @@ impl Client {
             next,
         ];
         self.due = waits.into_iter().flatten().min();
-        Ok(is_shown)
+        Ok(())
     }
 
     /// Sends the address of a film that is written. What went wrong otherwise is a message of the viewer.

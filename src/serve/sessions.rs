@@ -1,6 +1,7 @@
 //! The thread with the device: all viewers, drawn in turn.
 
 use std::sync::Arc;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Error, Result};
@@ -11,10 +12,10 @@ use super::admission::Admission;
 use super::client::Client;
 use super::films::Films;
 use super::session_event::SessionEvent;
-use crate::gpu::{Device, DeviceLost};
+use crate::gpu::{Device, DeviceLost, Unavailable};
 use crate::threads;
 use crate::viewer::remote::{ClientMessage, state};
-use crate::viewer::{Fault, MAX_LOSSES, Offscreen, Setup};
+use crate::viewer::{Fault, Offscreen, Setup};
 
 /// The number of the first viewer; those of clients begin at 1.
 const FIRST: u64 = 0;
@@ -27,6 +28,12 @@ const READING: Duration = Duration::from_millis(20);
 
 /// Interval at which the jobs of clients that have left are looked at.
 const LEAVING: Duration = Duration::from_millis(200);
+
+/// Losses of the device within this time after which the next one ends the server, and the pause before the device is
+/// opened another time.
+const MAX_LOSSES: usize = 3;
+const LOSS_TIME: Duration = Duration::from_secs(600);
+const LOSS_PAUSE: Duration = Duration::from_secs(1);
 
 /// All viewers of a server.
 pub struct Sessions<'r> {
@@ -48,10 +55,10 @@ pub struct Sessions<'r> {
     /// Clients that have left, and whose jobs still run.
     leaving: Vec<Client>,
     reopening: Reopening<'r>,
-    /// Devices lost in a row, without a picture between them.
-    losses: u32,
-    /// The first viewer has not drawn on the device since that was opened again, and clients wait for its scenes.
-    is_recovering: bool,
+    /// When the device was lost lately.
+    losses: Vec<Instant>,
+    /// What clients are told of the last loss. They wait until the first viewer has its scenes on the device again.
+    loss: Option<String>,
     /// Frames of clients.
     frames: u64,
 }
@@ -93,13 +100,13 @@ impl<'r> Sessions<'r> {
             clients: Vec::new(),
             leaving: Vec::new(),
             reopening,
-            losses: 0,
-            is_recovering: false,
+            losses: Vec::new(),
+            loss: None,
             frames: 0,
         })
     }
 
-    /// Draws until the device is lost again and again, or the scenes turn out to be unreadable.
+    /// Draws until the device is lost too often, or the scenes turn out to be unreadable.
     ///
     /// # Errors
     /// These two; or a lost device cannot be opened again.
@@ -108,17 +115,37 @@ impl<'r> Sessions<'r> {
             match self.turn(events) {
                 Ok(true) => {}
                 Ok(false) => return Ok(()),
-                Err(failure) if failure.is::<DeviceLost>() && self.losses < MAX_LOSSES => self.recover(&failure)?,
-                Err(failure) => return Err(failure),
+                Err(failure) => self.survive(failure)?,
             }
         }
+    }
+
+    /// Goes on after a loss of the device, and returns other failures.
+    fn survive(&mut self, mut failure: Error) -> Result<()> {
+        let mut is_opening = false;
+        // A driver may refuse a device for a moment after a loss.
+        while failure.is::<DeviceLost>() || is_opening && failure.is::<Unavailable>() {
+            let now = Instant::now();
+            self.losses.retain(|loss| now - *loss < LOSS_TIME);
+            if self.losses.len() >= MAX_LOSSES {
+                break;
+            }
+            self.losses.push(now);
+            match self.recover(&failure) {
+                Ok(()) => return Ok(()),
+                Err(next) => failure = next,
+            }
+            is_opening = true;
+            thread::sleep(LOSS_PAUSE);
+        }
+        Err(failure)
     }
 
     /// Waits until something is due, and does that. False once nothing can happen any more.
     fn turn(&mut self, events: &Receiver<SessionEvent>) -> Result<bool> {
         self.leaving.retain(Client::has_jobs);
         let leaves = (!self.leaving.is_empty()).then(|| Instant::now() + LEAVING);
-        let clients = self.clients.iter().filter(|_| !self.is_recovering).filter_map(Client::due);
+        let clients = self.clients.iter().filter(|_| self.loss.is_none()).filter_map(Client::due);
         let event = match clients.chain(self.reads_at).chain(leaves).min() {
             None => events.recv().map_err(|_| RecvTimeoutError::Disconnected),
             Some(due) => events.recv_deadline(due),
@@ -135,7 +162,7 @@ impl<'r> Sessions<'r> {
         if self.reads_at.is_some_and(|due| due <= now) {
             self.read()?;
         }
-        if self.is_recovering {
+        if self.loss.is_some() {
             return Ok(true);
         }
         for client in &mut self.clients {
@@ -144,9 +171,7 @@ impl<'r> Sessions<'r> {
                 if self.reopening.fault.is_some_and(|fault| fault.is_loss_in(self.frames)) {
                     return Err(DeviceLost("the GPU was lost (injected by SMALTO_FAULT)".to_owned()).into());
                 }
-                if client.step()? {
-                    self.losses = 0;
-                }
+                client.step()?;
             }
         }
         // Each round begins with another one, so that none waits for the others again and again.
@@ -158,12 +183,18 @@ impl<'r> Sessions<'r> {
 
     /// Opens the lost device again. Clients go on once the first viewer has its scenes there.
     fn recover(&mut self, failure: &Error) -> Result<()> {
-        self.losses += 1;
-        self.first.viewer().messages.error(format!("{failure:#}; the device is opened again"));
+        if self.loss.is_none() {
+            let told = format!("{failure:#}; the device is opened again");
+            self.first.viewer().messages.error(told.clone());
+            self.loss = Some(told);
+        }
+        // Their memory would count against the limit of the device that is opened.
+        self.first.session.close();
+        self.clients.iter_mut().chain(&mut self.leaving).for_each(Client::close);
         self.device = (self.reopening.open)(&self.device)?;
-        self.first.recover(&self.device)?;
-        self.clients.iter_mut().try_for_each(|client| client.recover(&self.device))?;
-        (self.is_recovering, self.reads_at) = (true, Some(Instant::now()));
+        self.first.reopen(&self.device)?;
+        self.clients.iter_mut().try_for_each(|client| client.reopen(&self.device))?;
+        self.reads_at = Some(Instant::now());
         Ok(())
     }
 
@@ -177,16 +208,22 @@ impl<'r> Sessions<'r> {
         if let Some(failure) = self.first.viewer().messages.failure.take().filter(|_| !self.is_read) {
             return Err(failure);
         }
+        let told = self.loss.take_if(|_| self.first.session.is_built());
         for client in &mut self.clients {
-            match (client.has_joined(), is_settled) {
+            match (client.has_joined(), is_settled || told.is_some() && self.is_read) {
                 (true, true) => client.follow(&self.first, self.followed),
                 (true, false) => {}
                 (false, true) => client.join(&self.first),
                 (false, false) => client.send_state(state(&mut self.first.session)),
             }
         }
+        if let Some(told) = told {
+            // Who connects later does not hear of it.
+            self.first.viewer().messages.retract(&told);
+            self.followed = Instant::now();
+        }
         if is_settled {
-            (self.is_read, self.is_recovering, self.followed) = (true, false, Instant::now());
+            (self.is_read, self.followed) = (true, Instant::now());
         }
         Ok(())
     }
@@ -197,12 +234,17 @@ impl<'r> Sessions<'r> {
                 let connection = (id, outbox.clone(), self.sender.clone());
                 let server = (self.setup.clone(), &self.device, &self.admission);
                 let shared = (self.pool.clone(), self.films.clone());
-                match Client::new(connection, server, shared, (size, view)) {
+                match Client::new(connection, server, shared, (size, view.clone())) {
                     Ok(mut client) => {
-                        if self.is_read && !self.is_recovering {
+                        if self.is_read && self.loss.is_none() {
                             client.join(&self.first);
                         }
                         self.clients.push(client);
+                    }
+                    // The client is made on the device that is opened again.
+                    Err(problem) if problem.is::<DeviceLost>() => {
+                        _ = self.sender.send(SessionEvent::Joined { id, outbox, size, view });
+                        return Err(problem);
                     }
                     Err(problem) => outbox.end(format!("{problem:#}")),
                 }

@@ -27,6 +27,4 @@ pub use model::{
 #[cfg(unix)]
 #[doc(hidden)]
 pub use remote::Control;
-#[cfg(feature = "serve")]
-pub(crate) use window::MAX_LOSSES;
 pub use window::{DEFAULT_SIZE, Fault, Offscreen, PATH_FPS, PageCounts, Summary, WindowSetup, run, run_offscreen};

@@ -158,13 +158,22 @@ fn looks_comparisons_and_pixels_are_shown() {
     let compared = client
         .until(|state| state["comparison"]["second"] == "float64 reference" && state["comparison"]["psnr"].is_f64());
     assert!(compared["comparison"]["psnr"].as_f64().unwrap() > 45.0, "{compared}");
-    // A reference that is withdrawn is dropped when it comes.
-    for number in 10..14 {
+    // A reference that is withdrawn is dropped when it comes. Until then another one is refused.
+    for number in 10.. {
+        client.said.remove("refused");
         client.say(json!({ "do": "compare", "with": "reference" }));
         client.say(json!({ "do": "compare", "with": "preview" }));
         client.say(json!({ "do": "rest", "number": number }));
-        while client.told("rests")["number"] != number {}
-        client.until(|state| state["comparison"]["second"] == "preview");
+        let state = loop {
+            let rests = client.told("rests");
+            if rests["number"] == number {
+                break rests["state"].clone();
+            }
+        };
+        assert_eq!(state["comparison"]["second"], "preview");
+        if number > 10 && !client.said.contains_key("refused") {
+            break;
+        }
     }
     client.say(json!({ "do": "compare", "with": "nothing" }));
     client.until(|state| state["comparison"].is_null());

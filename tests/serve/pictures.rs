@@ -165,7 +165,7 @@ fn each_client_has_a_view_of_its_own() {
 /// The views of clients outlive the device, and pictures are those of before.
 #[test]
 fn a_lost_device_is_opened_again() {
-    let server = Server::losing_its_device_in(60, &["cactus:2000"]);
+    let server = Server::losing_its_device_in(200, &["cactus:2000"]);
     let mut clients = [Client::connect(&server), Client::connect(&server)];
     let view = |client: &mut Client| client.until(|state| !state["rest"].is_null())["rest"]["view"].clone();
     let before = clients.each_mut().map(|client| (client.exact(), view(client)));

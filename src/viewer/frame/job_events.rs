@@ -38,7 +38,9 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
         JobEvent::Values(waiting, values) => viewer.handle_values(waiting, values),
         JobEvent::Changed(number, changed) => viewer.handle_change(number, changed),
         JobEvent::Cameras(path, origin, cameras) => viewer.handle_cameras(&path, origin, cameras),
-        JobEvent::Built(side, drawn) => handle_built(viewer, pair, device, side, drawn),
+        // The device of the build was lost meanwhile.
+        JobEvent::Built(side, number, _) if viewer.pictures.building[side as usize] != Some(number) => {}
+        JobEvent::Built(side, _, drawn) => handle_built(viewer, pair, side, drawn),
         JobEvent::Shared(generation, sharing) => handle_shared(viewer, pair, generation, sharing),
         JobEvent::Picture(number, name, of, pixels) => {
             viewer.comparison.requests_under_way -= 1;
@@ -119,14 +121,12 @@ pub fn handle(viewer: &mut Viewer, pair: &mut Pair, device: &Device, event: JobE
     }
 }
 
-fn handle_built(viewer: &mut Viewer, pair: &mut Pair, device: &Device, side: Side, drawn: Result<Box<Drawn>>) {
-    viewer.pictures.are_building[side as usize] = false;
+fn handle_built(viewer: &mut Viewer, pair: &mut Pair, side: Side, drawn: Result<Box<Drawn>>) {
+    viewer.pictures.building[side as usize] = None;
     if let Some(text) = viewer.pictures.shader_errors[side as usize].take() {
         viewer.messages.retract(&text);
     }
     match drawn {
-        // The device of the build was lost meanwhile.
-        Ok(drawn) if !drawn.scene.is_on(device) => {}
         Ok(drawn) => {
             viewer.pictures.are_stale = true;
             match side {
@@ -216,18 +216,18 @@ pub fn build(viewer: &mut Viewer, pair: &mut Pair, device: &Device) {
         };
         let is_current = current.is_some_and(|drawn| drawn.suits(&planned));
         let is_refused = viewer.pictures.refused[i].as_ref().is_some_and(|refused| refused.is_same(&planned));
-        if is_current || is_refused || viewer.pictures.are_building[i] {
+        if is_current || is_refused || viewer.pictures.building[i].is_some() {
             continue;
         }
         let lent = pair.lent.as_ref().filter(|lent| lent.has_scene_of(&planned)).cloned();
         let reusable = lent.or_else(|| current.or(pair.first.as_ref()).map(Drawn::reusable));
-        viewer.pictures.are_building[i] = true;
+        let number = viewer.pictures.next_generation();
+        viewer.pictures.building[i] = Some(number);
         viewer.pictures.refused[i] = None;
         let (device, view, background) = (device.clone(), viewer.view.camera(), viewer.view.background);
-        let generation = Some(viewer.pictures.next_generation());
         viewer.jobs.start(
-            move |_| planned.build(&device, reusable, &view, background, generation).map(Box::new),
-            move |drawn| JobEvent::Built(side, drawn),
+            move |_| planned.build(&device, reusable, &view, background, Some(number)).map(Box::new),
+            move |drawn| JobEvent::Built(side, number, drawn),
         );
     }
     share(viewer, pair, device);

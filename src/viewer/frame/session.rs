@@ -109,19 +109,16 @@ impl Session {
         self.viewer.requests.retain(|request| !matches!(request, Request::Select(_)));
         self.screen = screen;
         self.reset_font_atlas();
-        (self.viewer.pictures.are_building, self.viewer.pictures.is_sharing) = ([false; 2], false);
+        (self.viewer.pictures.building, self.viewer.pictures.is_sharing) = ([None; 2], false);
         self.viewer.pictures.refused = [None, None];
         self.viewer.pictures.are_stale = true;
         self.viewer.comparison.is_stale = true;
     }
 
-    /// Draws to a screen of another device, as the device before is lost. The screen before is closed first, since a
-    /// window has one surface at a time.
-    pub fn recover(&mut self, screen: impl FnOnce() -> Result<Screen>) -> Result<()> {
+    /// Frees the memory of a lost device, before it is opened again.
+    pub fn close(&mut self) {
         self.drop_pictures();
         self.screen.close();
-        self.replace_screen(screen()?);
-        Ok(())
     }
 
     /// Drops the pictures and their memory, and does not build them again before their plans change.
@@ -150,23 +147,31 @@ impl Session {
         !works && !viewer.pictures.is_sharing && self.is_at_rest()
     }
 
+    /// True if all pictures are built that can be.
+    pub fn is_built(&self) -> bool {
+        let viewer = &self.viewer;
+        let [is_first_refused, is_second_refused] = viewer.pictures.refused.each_ref().map(Option::is_some);
+        let is_compared = viewer.comparison.target == CompareTarget::Nothing || self.pair.second.is_some();
+        let has_first = is_first_refused || self.pair.first.is_some() && (is_compared || is_second_refused);
+        !viewer.pictures.is_any_building() && (has_first || self.draws_nothing())
+    }
+
+    /// True if no scene is shown.
+    pub fn draws_nothing(&self) -> bool {
+        self.viewer.shown_plan(Side::First).is_ok_and(|plan| plan.is_none())
+    }
+
     /// True if everything that was requested is read, built, drawn and on the screen. Jobs may measure or write.
     pub fn is_at_rest(&self) -> bool {
         let viewer = &self.viewer;
         let is_read = !viewer.scenes.are_loading() && !viewer.cameras.are_loading;
-        let [is_first_refused, is_second_refused] = viewer.pictures.refused.each_ref().map(Option::is_some);
-        let is_compared = viewer.comparison.target == CompareTarget::Nothing || self.pair.second.is_some();
-        let draws_nothing = viewer.shown_plan(Side::First).is_ok_and(|plan| plan.is_none());
-        let is_built =
-            draws_nothing || is_first_refused || self.pair.first.is_some() && (is_compared || is_second_refused);
         viewer.requests.is_empty()
             && is_read
-            && is_built
+            && self.is_built()
             && !viewer.comparison.is_loading
             && !viewer.comparison.is_measuring
             && !(viewer.needs_snapshot() && viewer.inspector.snapshot.is_none() && self.pair.first.is_some())
             && self.residency().is_none_or(|residency| residency.is_settled())
-            && !viewer.pictures.is_any_building()
             && self.has_full_scale()
             && !self.is_to_be_measured()
             && !viewer.has_running_edits()

@@ -53,7 +53,7 @@ pub enum JobEvent {
     Changed(u64, Result<()>),
     Cameras(PathBuf, Origin, Result<CameraFile>),
     /// A scene is on the GPU and can be drawn from any view.
-    Built(Side, Result<Box<Drawn>>),
+    Built(Side, u64, Result<Box<Drawn>>),
     /// The number of a build, the other devices that can draw bands of its pictures, and why others cannot.
     Shared(u64, Result<(Sharing, Vec<String>)>),
     /// A photograph or the reference: the number of the request, its name, what it shows, and its pixels.

@@ -11,8 +11,8 @@ pub struct Pictures {
     pub are_stale: bool,
     /// The view of the last drawing, of which depths and explanations are; `None` before it.
     pub view: Option<Camera>,
-    /// Builds under way.
-    pub are_building: [bool; 2],
+    /// Numbers of the builds under way.
+    pub building: [Option<u64>; 2],
     /// The last build to which other devices were given, or are being given.
     pub shared: Option<u64>,
     /// True while other devices are being prepared.
@@ -32,7 +32,7 @@ impl Default for Pictures {
         Self {
             are_stale: true,
             view: None,
-            are_building: [false; 2],
+            building: [None; 2],
             shared: None,
             is_sharing: false,
             refused: [None, None],
@@ -46,7 +46,7 @@ impl Default for Pictures {
 impl Pictures {
     /// True while a picture is being built.
     pub fn is_any_building(&self) -> bool {
-        self.are_building.contains(&true)
+        self.building.iter().any(Option::is_some)
     }
 
     /// The number of the next build.

@@ -66,7 +66,7 @@ fn progress_text(viewer: &Viewer, pair: &Pair) -> Option<String> {
         let Some(fraction) = layer.progress else { continue };
         parts.push(format!("reading {}, {:.0} %", layer.name, 100.0 * fraction));
     }
-    if viewer.pictures.are_building[Side::First as usize] {
+    if viewer.pictures.building[Side::First as usize].is_some() {
         let scenes = viewer.scenes.layers.iter().filter_map(|layer| layer.scene.as_ref());
         let gaussians: usize = scenes.map(LoadedScene::count).sum();
         parts.push(format!("bringing {} Gaussians to the GPU", HumanCount(gaussians as u64)));
@@ -115,7 +115,7 @@ fn start_page(viewer: &mut Viewer, free: Rect, context: &Context) {
 
 /// The button to retry a build that failed.
 fn refusal(viewer: &mut Viewer, pair: &Pair, free: Rect, context: &Context) {
-    if pair.first.is_some() || viewer.pictures.refused[0].is_none() || viewer.pictures.are_building[0] {
+    if pair.first.is_some() || viewer.pictures.refused[0].is_none() || viewer.pictures.building[0].is_some() {
         return;
     }
     Area::new("refusal".into()).pivot(Align2::CENTER_CENTER).fixed_pos(free.center()).show(context, |ui| {

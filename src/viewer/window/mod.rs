@@ -107,7 +107,7 @@ struct OpenWindow {
 const POLL: Duration = Duration::from_millis(2);
 
 /// Losses in a row after which the device counts as broken.
-pub const MAX_LOSSES: u32 = 3;
+const MAX_LOSSES: u32 = 3;
 
 impl App {
     fn open(&mut self, events: &ActiveEventLoop) -> Result<OpenWindow> {
@@ -416,8 +416,10 @@ impl OpenWindow {
             self.losses += 1;
             self.validation.extend(self.session.screen.device().validation_messages());
             viewer.messages.error(format!("{failure:#}; the device is opened again"));
-            let vsync = viewer.timing.vsync;
-            self.session.recover(|| Screen::of_window(&setup.open_device(&self.window)?, &self.window, vsync))?;
+            self.session.close();
+            let device = setup.open_device(&self.window)?;
+            let screen = Screen::of_window(&device, &self.window, self.session.viewer.timing.vsync)?;
+            self.session.replace_screen(screen);
             self.reset_input();
         } else if viewer.pictures.shaders.is_some() && !failure.is::<DeviceLost>() {
             viewer.messages.error(format!("{failure:#}"));

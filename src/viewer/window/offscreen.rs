@@ -87,9 +87,10 @@ impl Offscreen {
         }
     }
 
-    /// Draws on another device, as that before is lost.
-    pub fn recover(&mut self, device: &Device) -> Result<()> {
-        self.session.recover(|| Screen::offscreen(device, self.size))
+    /// Draws on another device. [`Session::close`] was called before, as that before is lost.
+    pub fn reopen(&mut self, device: &Device) -> Result<()> {
+        self.session.replace_screen(Screen::offscreen(device, self.size)?);
+        Ok(())
     }
 
     fn borrow_scene(&mut self, other: &Self) {
