@@ -164,12 +164,8 @@ impl Viewer {
         if count > MAX_FRAMES {
             return self.fail_to_write(format!("this film has {count} frames: {MAX_FRAMES} are the most"));
         }
-        let file = match file {
-            None => Ok(self.export.next_film()),
-            Some(file) => self.export.given_film(file),
-        };
-        let file = match file {
-            Ok(file) => file,
+        let file = match file.map(|file| self.export.given_film(file)).transpose() {
+            Ok(given) => given.unwrap_or_else(|| self.export.next_film()),
             Err(why) => return self.fail_to_write(why),
         };
         let cameras: Vec<_> = self.film.timeline.frames(self.film.fps).map(|camera| camera.resized(size)).collect();

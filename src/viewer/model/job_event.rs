@@ -52,7 +52,7 @@ pub enum JobEvent {
     /// Number of a layer whose file has changed.
     Changed(u64, Result<()>),
     Cameras(PathBuf, Origin, Result<CameraFile>),
-    /// A scene is on the GPU and can be drawn from any view.
+    /// A scene is on the GPU and can be drawn from any view: the side of its picture, and the number of the build.
     Built(Side, u64, Result<Box<Drawn>>),
     /// The number of a build, the other devices that can draw bands of its pictures, and why others cannot.
     Shared(u64, Result<(Sharing, Vec<String>)>),

@@ -178,12 +178,8 @@ impl Measures {
     pub fn labels(&self, measure: &Measure) -> Vec<(DVec3, String)> {
         let points: Vec<DVec3> = measure.points().collect();
         if measure.kind == MeasureKind::Angle {
-            return points
-                .get(1)
-                .zip(measure.angle())
-                .map(|(at, _)| (*at, self.reading(measure)))
-                .into_iter()
-                .collect();
+            let corner = points.get(1).filter(|_| measure.angle().is_some());
+            return corner.map(|corner| (*corner, self.reading(measure))).into_iter().collect();
         }
         let lengths = measure.lines().into_iter().map(|[a, b]| ((a + b) / 2.0, self.length(a.distance(b))));
         let area = measure.area().filter(|_| measure.kind == MeasureKind::Area);

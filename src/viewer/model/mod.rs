@@ -99,7 +99,7 @@ pub(crate) use property_values::{Histogram, PropertyValues};
 pub(crate) use rate::RateControl;
 pub use recent::{RecentState, Tab};
 pub use requests::{Request, Selecting, WindowRequest};
-pub(crate) use seen_line::{PARTS, before_camera, curve_pieces, line_pieces};
+pub(crate) use seen_line::{CURVE_PARTS, before_camera, curve_pieces, line_pieces};
 pub use setup::{CompareWith, Setup, Start};
 pub(crate) use sharing::Sharing;
 pub(crate) use snapshot::{Area, PairDifference, area_between, cropped};

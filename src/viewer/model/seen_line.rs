@@ -5,13 +5,13 @@ use glam::{DVec2, DVec3};
 use crate::camera::Camera;
 
 /// Parts of a segment that is seen as a curve.
-pub const PARTS: u32 = 12;
+pub const CURVE_PARTS: u32 = 12;
 
 /// The pieces of a segment of the world in a picture, in pixels: the part in front of a pinhole; through a lens, the
 /// pieces of a curve.
 pub fn line_pieces(view: &Camera, [a, b]: [DVec3; 2]) -> Vec<[DVec2; 2]> {
     if view.lens.is_some() {
-        return curve_pieces(view, (0..=PARTS).map(|i| a.lerp(b, f64::from(i) / f64::from(PARTS))));
+        return curve_pieces(view, (0..=CURVE_PARTS).map(|i| a.lerp(b, f64::from(i) / f64::from(CURVE_PARTS))));
     }
     let seen = before_camera(view, [a, b]).map(|ends| ends.map(|end| view.projected(end)));
     match seen {
@@ -60,15 +60,15 @@ mod tests {
         assert!(line_pieces(&pinhole, segment.map(|end| -end)).is_empty(), "all of it is behind the camera");
         let fisheye = Lens::named("FISHEYE", &[]).unwrap().map(Arc::new);
         let curve = line_pieces(&Camera { lens: fisheye, ..pinhole.clone() }, segment);
-        assert_eq!(curve.len(), PARTS as usize);
-        let middle = curve[PARTS as usize / 2][0];
+        assert_eq!(curve.len(), CURVE_PARTS as usize);
+        let middle = curve[CURVE_PARTS as usize / 2][0];
         assert!((middle.y - curve[0][0].y).abs() > 1.0, "{curve:?}");
         // A segment through the seam of a panorama is not drawn across it.
         let panorama = Lens::named("EQUIRECTANGULAR", &[]).unwrap().map(Arc::new);
         let behind = [DVec3::new(-1.0, 0.3, -2.0), DVec3::new(1.0, 0.3, -2.0)];
         let whole = Camera { lens: panorama, ..pinhole };
         let pieces = line_pieces(&whole, behind);
-        assert!(pieces.len() == PARTS as usize || pieces.len() + 1 == PARTS as usize, "{pieces:?}");
+        assert!(pieces.len() == CURVE_PARTS as usize || pieces.len() + 1 == CURVE_PARTS as usize, "{pieces:?}");
         assert!(pieces.iter().all(|[a, b]| a.distance(*b) < 100.0), "{pieces:?}");
     }
 }

@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 
 use super::overlay::painter;
 use crate::camera::Camera;
-use crate::viewer::model::{Depths, PARTS, Viewer, before_camera, curve_pieces, line_pieces};
+use crate::viewer::model::{CURVE_PARTS, Depths, Viewer, before_camera, curve_pieces, line_pieces};
 
 /// Most parts of a segment that may be hidden by the picture, their length in pixels, and the opacity of hidden ones.
 const SEEN_PARTS: u32 = 96;
@@ -134,7 +134,7 @@ impl WorldPainter {
         let corners = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y].map(|corner| corner * size);
         for i in 0..4 {
             let (from, to) = (corners[i], corners[(i + 1) % 4]);
-            let border = (0..=PARTS).map(|k| from.lerp(to, f64::from(k) / f64::from(PARTS)));
+            let border = (0..=CURVE_PARTS).map(|k| from.lerp(to, f64::from(k) / f64::from(CURVE_PARTS)));
             let places = border.map(|place| camera.unprojected(place, deep));
             self.pieces(&curve_pieces(&self.view, places), stroke);
             // NaN where the lens sees nothing.

@@ -43,8 +43,9 @@ pub struct Control {
     program: Option<Program>,
     /// What is to be written, once the picture is at rest.
     held: Option<Held>,
-    /// A picture or a film is being written; it is a film.
+    /// A picture or a film is being written.
     is_writing: bool,
+    /// What is being written is a film.
     is_filming: bool,
     /// Something was changed since the last frame.
     has_input: bool,
