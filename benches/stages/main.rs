@@ -23,7 +23,7 @@ use smalto::options::Options;
 use smalto::pixels::Integers;
 use smalto::render::shaders::PortableDispatches;
 use smalto::render::shaders::portable::*;
-use smalto::render::{Band, PackedBand, Packer, Pairs, RadixSort, SortRange, SortScratch, Splat, Totals, Unpacker};
+use smalto::render::{Band, Packer, Pairs, RadixSort, SortRange, SortScratch, Splat, Totals, Unpacker};
 
 /// A stage with its input, ready to run again and again.
 struct Bench<'a> {
@@ -135,13 +135,13 @@ fn pack(device: &Device, integers: Integers, size: [u32; 2]) -> Result<Bench<'_>
 /// The way back of half a picture, with the copy from host memory.
 fn unpack(device: &Device, size: [u32; 2]) -> Result<Bench<'_>> {
     let image = Image::new(device, "image", size[0], size[1])?;
-    let bands = [PackedBand { band: Band { top: size[1] / 2, rows: size[1] / 2 }, first_word: 0 }];
-    let half = bands[0].band.size(size);
+    let band = Band { top: size[1] / 2, rows: size[1] / 2 };
+    let half = band.size(size);
     let packed = Staging::new(device, "bands", Integers::Rgb8.words(half))?;
     let mut unpacker = Unpacker::new(device)?;
-    unpacker.fit(device, packed.len())?;
+    unpacker.fit(device, size, &[(band, &packed)])?;
     let bytes = u64::from(half[0]) * u64::from(half[1]) * 16 + 3 * Integers::Rgb8.bytes(half);
-    let unpack = move |cmd: &mut Commands| cmd.scope("unpack", |cmd| unpacker.record(cmd, &packed, &bands, &image));
+    let unpack = move |cmd: &mut Commands| cmd.scope("unpack", |cmd| unpacker.record(cmd, &[(band, &packed)], &image));
     Ok(Bench { stage: "unpack", input: format!("{}x{}", half[0], half[1]), bytes, record: Box::new(unpack) })
 }
 

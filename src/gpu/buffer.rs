@@ -8,7 +8,7 @@ use anyhow::Result;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 
-use super::capabilities::BUFFER_USAGE;
+use super::capabilities::{BUFFER_USAGE, HOST_BLOCK};
 use super::device::{Device, Held, Shared};
 use super::element::{Element, Scalar};
 use super::error::describe;
@@ -111,16 +111,24 @@ pub struct Storage {
     pub(super) scalar: Scalar,
     pub(super) columns: usize,
     allocation: Option<Held>,
-    /// Memory that other APIs open, in the place of an allocation.
-    pub(super) exported: Option<Exported>,
+    /// Memory of its own, in the place of an allocation.
+    pub(super) dedicated: Option<Dedicated>,
     pub(super) device: Arc<Shared>,
 }
 
-/// Memory of one buffer alone, which other APIs may open.
-pub(super) struct Exported {
+/// Memory of one buffer alone: it is exported, or imported from the host.
+pub(super) struct Dedicated {
     pub memory: vk::DeviceMemory,
     pub bytes: u64,
+    /// The host memory that was imported.
+    pub host: Option<Arc<Vec<HostBlock>>>,
 }
+
+/// A part of host memory that devices import. Its address is a multiple of its size, as they require.
+#[derive(Clone)]
+#[repr(align(0x10000))]
+#[allow(dead_code, reason = "only devices read the bytes")]
+pub(super) struct HostBlock(pub [u8; HOST_BLOCK]);
 
 impl Storage {
     pub(super) fn new(
@@ -160,9 +168,22 @@ impl Storage {
             scalar: Scalar::U32,
             columns: 1,
             allocation: None,
-            exported: None,
+            dedicated: None,
             device: device.clone(),
         })
+    }
+
+    /// A type of memory for the buffer, one of those whose bits are set, with these properties.
+    pub(super) fn memory_type(&self, among: u32, properties: vk::MemoryPropertyFlags) -> Option<u32> {
+        let device = &self.device;
+        // SAFETY: clause 1, for both calls.
+        let requirements = unsafe { device.raw.get_buffer_memory_requirements(self.raw) };
+        let heaps = unsafe { device.instance.raw.get_physical_device_memory_properties(device.capabilities.raw) };
+        let fits = |kind: &u32| {
+            let flags = heaps.memory_types[*kind as usize].property_flags;
+            among & requirements.memory_type_bits & (1 << kind) != 0 && flags.contains(properties)
+        };
+        (0..heaps.memory_type_count).find(fits)
     }
 
     /// Gives the buffer memory that meets its requirements and is nobody else's.
@@ -191,9 +212,9 @@ impl Drop for Storage {
         if let Some(allocation) = self.allocation.take() {
             self.device.free(allocation);
         }
-        if let Some(exported) = self.exported.take() {
+        if let Some(dedicated) = self.dedicated.take() {
             // SAFETY: clause 2, as above. Other APIs that opened the memory keep it.
-            unsafe { self.device.raw.free_memory(exported.memory, None) };
+            unsafe { self.device.raw.free_memory(dedicated.memory, None) };
         }
     }
 }

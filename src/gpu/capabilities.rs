@@ -9,6 +9,10 @@ use serde::{Serialize, Serializer};
 /// How memory is handed over to other APIs.
 pub(super) const EXPORT_HANDLE: vk::ExternalMemoryHandleTypeFlags = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
 
+/// How host memory is handed over to devices.
+pub(super) const HOST_HANDLE: vk::ExternalMemoryHandleTypeFlags =
+    vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT;
+
 /// The uses of every buffer that shaders bind.
 pub(super) const BUFFER_USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
     vk::BufferUsageFlags::STORAGE_BUFFER.as_raw()
@@ -16,6 +20,14 @@ pub(super) const BUFFER_USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from
         | vk::BufferUsageFlags::TRANSFER_SRC.as_raw()
         | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
 );
+
+/// The uses of every buffer in host memory.
+pub(super) const STAGING_USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
+    vk::BufferUsageFlags::TRANSFER_SRC.as_raw() | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
+);
+
+/// Host memory for devices is allocated in blocks of this many bytes, whose addresses are multiples of their size.
+pub(super) const HOST_BLOCK: usize = 0x10000;
 
 /// The properties, limits and features of one physical device.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
@@ -125,6 +137,8 @@ pub enum Feature {
     AnyImageFormat,
     /// Memory that other APIs open.
     ExportedMemory,
+    /// Host memory that other devices use, too.
+    SharedHostMemory,
 }
 
 impl fmt::Display for Feature {
@@ -144,6 +158,7 @@ impl fmt::Display for Feature {
             Self::Windows => "windows",
             Self::AnyImageFormat => "image stores of any format",
             Self::ExportedMemory => "exported memory",
+            Self::SharedHostMemory => "shared host memory",
         })
     }
 }

@@ -125,6 +125,9 @@ impl Device {
         if capabilities.has(Feature::ExportedMemory) {
             extensions.push(khr::external_memory_fd::NAME.as_ptr());
         }
+        if capabilities.has(Feature::SharedHostMemory) {
+            extensions.push(ext::external_memory_host::NAME.as_ptr());
+        }
         if presents {
             extensions.push(khr::swapchain::NAME.as_ptr());
         }

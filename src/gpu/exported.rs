@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use ash::{khr, vk};
 
-use super::buffer::{Buffer, Exported, Storage};
+use super::buffer::{Buffer, Dedicated, Storage};
 use super::capabilities::{BUFFER_USAGE, EXPORT_HANDLE, Feature};
 use super::device::{Device, Shared};
 use super::element::Element;
@@ -60,13 +60,8 @@ impl Storage {
         let mut storage = Self::unbound(device, name, &info)?;
         // SAFETY: clause 1.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(storage.raw) };
-        // SAFETY: clause 1.
-        let heaps = unsafe { device.instance.raw.get_physical_device_memory_properties(device.capabilities.raw) };
-        let fits = |kind: &u32| {
-            let flags = heaps.memory_types[*kind as usize].property_flags;
-            requirements.memory_type_bits & (1 << kind) != 0 && flags.contains(vk::MemoryPropertyFlags::DEVICE_LOCAL)
-        };
-        let kind = (0..heaps.memory_type_count).find(fits).context("no device memory can be exported")?;
+        let kind = storage.memory_type(u32::MAX, vk::MemoryPropertyFlags::DEVICE_LOCAL);
+        let kind = kind.context("no device memory can be exported")?;
         let mut dedicated = vk::MemoryDedicatedAllocateInfo::default().buffer(storage.raw);
         let mut export = vk::ExportMemoryAllocateInfo::default().handle_types(EXPORT_HANDLE);
         let info = vk::MemoryAllocateInfo::default()
@@ -78,14 +73,15 @@ impl Storage {
         // extension.
         let memory =
             unsafe { device.raw.allocate_memory(&info, None) }.map_err(|error| describe("vkAllocateMemory", error))?;
-        storage.exported = Some(Exported { memory, bytes: requirements.size });
+        storage.dedicated = Some(Dedicated { memory, bytes: requirements.size, host: None });
         storage.bind(memory, 0)?;
         Ok(storage)
     }
 
     /// A new handle of the memory. It stays open for whoever opens it when the buffer is gone.
     pub(super) fn export(&self) -> Result<Handle> {
-        let exported = self.exported.as_ref().context("this memory is not exported")?;
+        let exported = self.dedicated.as_ref().filter(|dedicated| dedicated.host.is_none());
+        let exported = exported.context("this memory is not exported")?;
         let api = khr::external_memory_fd::Device::new(&self.device.instance.raw, &self.device.raw);
         let info = vk::MemoryGetFdInfoKHR::default().memory(exported.memory).handle_type(EXPORT_HANDLE);
         // SAFETY: clauses 1 and 4, the memory was made for handles of this type.

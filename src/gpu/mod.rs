@@ -57,6 +57,7 @@ mod resource;
 mod scopes;
 mod semaphores;
 mod shader;
+mod shared_host;
 #[cfg(feature = "reload")]
 #[allow(dead_code, reason = "build.rs uses the rest")]
 mod spirv;

@@ -8,18 +8,15 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 
 use super::buffer::{Buffer, Storage};
+use super::capabilities::STAGING_USAGE;
 use super::commands::Commands;
 use super::device::Device;
 use super::element::Element;
 use super::exported::Handle;
 use super::hazards::Access;
 
-const COPIES: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
-    vk::BufferUsageFlags::TRANSFER_SRC.as_raw() | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
-);
-
 /// `len` elements of type `T` in host memory, for copies that are repeated every frame; or in device memory that other
-/// APIs open.
+/// APIs open, or in host memory that other devices use, too.
 pub struct Staging<T> {
     storage: Arc<Storage>,
     len: usize,
@@ -33,8 +30,7 @@ impl<T: Element> Staging<T> {
     /// [`OutOfMemory`](crate::host_memory::OutOfMemory) if the memory cannot be allocated.
     pub fn new(device: &Device, name: &str, len: usize) -> Result<Self> {
         let bytes = (len.max(1) * size_of::<T>()) as u64;
-        let storage = Storage::new(&device.0, name, bytes, COPIES, MemoryLocation::GpuToCpu)?;
-        Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
+        Ok(Self::of(Storage::new(&device.0, name, bytes, STAGING_USAGE, MemoryLocation::GpuToCpu)?, len))
     }
 
     /// Allocates memory of the device that other APIs open, instead of the host's. It cannot be mapped.
@@ -42,8 +38,12 @@ impl<T: Element> Staging<T> {
     /// # Errors
     /// If the device exports no memory, a limit of memory is set, or memory runs out.
     pub fn exportable(device: &Device, name: &str, len: usize) -> Result<Self> {
-        let storage = Storage::exportable(&device.0, name, (len.max(1) * size_of::<T>()) as u64, COPIES)?;
-        Ok(Self { storage: Arc::new(storage), len, _element: PhantomData })
+        let bytes = (len.max(1) * size_of::<T>()) as u64;
+        Ok(Self::of(Storage::exportable(&device.0, name, bytes, STAGING_USAGE)?, len))
+    }
+
+    pub(super) fn of(storage: Storage, len: usize) -> Self {
+        Self { storage: Arc::new(storage), len, _element: PhantomData }
     }
 
     /// A handle with which another API opens the memory.

@@ -6,7 +6,8 @@ use anyhow::Result;
 use ash::{ext, khr, vk};
 
 use super::capabilities::{
-    BUFFER_USAGE, Capabilities, DeviceKind, EXPORT_HANDLE, Feature, Limits, MAX_STORAGE_BUFFERS, RequiredSubgroups,
+    BUFFER_USAGE, Capabilities, DeviceKind, EXPORT_HANDLE, Feature, HOST_BLOCK, HOST_HANDLE, Limits,
+    MAX_STORAGE_BUFFERS, RequiredSubgroups, STAGING_USAGE,
 };
 use super::error::{Unavailable, describe};
 use super::instance::{Instance, NO_DRIVER, Validation};
@@ -183,6 +184,7 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
         (Feature::Windows, offers(khr::swapchain::NAME) && draws),
         (Feature::AnyImageFormat, core.shader_storage_image_write_without_format == vk::TRUE),
         (Feature::ExportedMemory, offers(khr::external_memory_fd::NAME) && exports(instance, raw)),
+        (Feature::SharedHostMemory, offers(ext::external_memory_host::NAME) && imports_host(instance, raw)),
     ];
 
     let kind = match properties.device_type {
@@ -243,12 +245,33 @@ fn read(instance: &Instance, raw: vk::PhysicalDevice) -> Result<Capabilities> {
 
 /// True if buffers can have memory that other APIs open.
 fn exports(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
-    let info = vk::PhysicalDeviceExternalBufferInfo::default().usage(BUFFER_USAGE).handle_type(EXPORT_HANDLE);
+    let features = external(instance, raw, BUFFER_USAGE, EXPORT_HANDLE);
+    features.contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
+}
+
+/// True if buffers can have memory of the host, in blocks as this program allocates them.
+fn imports_host(instance: &Instance, raw: vk::PhysicalDevice) -> bool {
+    let mut host = vk::PhysicalDeviceExternalMemoryHostPropertiesEXT::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut host);
+    // SAFETY: clause 1.
+    unsafe { instance.raw.get_physical_device_properties2(raw, &mut properties) };
+    let features = external(instance, raw, STAGING_USAGE, HOST_HANDLE);
+    host.min_imported_host_pointer_alignment <= HOST_BLOCK as u64
+        && features.contains(vk::ExternalMemoryFeatureFlags::IMPORTABLE)
+}
+
+/// What can be done with the memory of buffers of this usage.
+fn external(
+    instance: &Instance,
+    raw: vk::PhysicalDevice,
+    usage: vk::BufferUsageFlags,
+    handle: vk::ExternalMemoryHandleTypeFlags,
+) -> vk::ExternalMemoryFeatureFlags {
+    let info = vk::PhysicalDeviceExternalBufferInfo::default().usage(usage).handle_type(handle);
     let mut found = vk::ExternalBufferProperties::default();
     // SAFETY: clause 1.
     unsafe { instance.raw.get_physical_device_external_buffer_properties(raw, &info, &mut found) };
-    let features = found.external_memory_properties.external_memory_features;
-    features.contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
+    found.external_memory_properties.external_memory_features
 }
 
 /// 8-4-4-4-12 hexadecimal digits.

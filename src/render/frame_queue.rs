@@ -65,16 +65,25 @@ pub struct HostFrame {
 }
 
 impl HostFrame {
-    /// Allocates the memory of a view, unless it has the size and the outputs of the last one.
+    /// Memory for the pixels of pictures in this form, at most as long as `plane`.
+    pub(super) fn of(form: Form, plane: Staging<u32>) -> Self {
+        let outputs = FrameOutputs { picture: vec![form], ..FrameOutputs::default() };
+        Self { size: [0, 0], outputs, planes: vec![plane] }
+    }
+
+    /// Allocates the memory of a view, unless that of the last one had the same outputs and is large enough: the heights
+    /// of bands change often.
     fn fit(&mut self, device: &Device, outputs: &FrameOutputs, size: [u32; 2]) -> Result<()> {
-        if self.size != size || self.outputs != *outputs {
+        let fits = |(form, plane): (Form, &Staging<u32>)| form.words(size) <= plane.len();
+        let is_kept = self.outputs == *outputs && outputs.planes().zip(&self.planes).all(fits);
+        if !is_kept {
             // Frees the old memory before the new is allocated.
             self.planes.clear();
             let new = if outputs.is_exported { Staging::exportable } else { Staging::new };
             let plane = |form: Form| new(device, "host frame", form.words(size));
-            let planes = outputs.planes().map(plane).collect::<Result<_>>()?;
-            *self = Self { size, outputs: outputs.clone(), planes };
+            (self.planes, self.outputs) = (outputs.planes().map(plane).collect::<Result<_>>()?, outputs.clone());
         }
+        self.size = size;
         Ok(())
     }
 
@@ -93,14 +102,16 @@ impl HostFrame {
 
     /// Red, green, blue and alpha of the picture, row by row, if its floats are an output.
     pub fn floats(&mut self) -> Option<&[[f32; 4]]> {
+        let pixels = self.pixels();
         let plane = self.outputs.picture.iter().position(|form| *form == Form::Floats)?;
-        Some(bytemuck::cast_slice(self.planes[plane].map()))
+        Some(&bytemuck::cast_slice(self.planes[plane].map())[..pixels])
     }
 
     /// The input of [`depths`](super::inspect::depths), if it is an output.
     pub fn depths(&mut self) -> Option<Pixels> {
+        let (size, pixels) = (self.size, self.pixels());
         let plane = self.outputs.depths.then(|| self.planes.last_mut()).flatten()?;
-        Some(Pixels { size: self.size, rgba: bytemuck::cast_slice(plane.map()).to_vec() })
+        Some(Pixels { size, rgba: bytemuck::cast_slice(plane.map())[..pixels].to_vec() })
     }
 
     /// Handles of the memory of the forms of the picture, then of the depths, if the pixels stay in device memory.
@@ -114,6 +125,10 @@ impl HostFrame {
     /// Width and height in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.size
+    }
+
+    fn pixels(&self) -> usize {
+        self.size[0] as usize * self.size[1] as usize
     }
 }
 

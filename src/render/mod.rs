@@ -103,7 +103,7 @@ pub use inspect::{Compare, Display, Picture, Quantity, Scale, false_colour, uplo
 pub use lod::{LodReport, SampledPsnr};
 #[doc(hidden)]
 pub use marks::{Aim, Figure, Marker, Outline, SelectionMode, from_segment};
-pub use pack::{PackedBand, Packer, Unpacker};
+pub use pack::{Packer, Unpacker};
 #[doc(hidden)]
 pub use patches::Patches;
 pub use path::Path;

@@ -48,13 +48,6 @@ impl Packer {
     }
 }
 
-/// A band that lies packed, as [`Integers::Rgb8`], from a word on.
-#[derive(Clone, Copy, Debug)]
-pub struct PackedBand {
-    pub band: Band,
-    pub first_word: usize,
-}
-
 /// The stage that brings colours of 8 bits back into a picture, and its buffer.
 pub struct Unpacker {
     stage: Stage<Unpack>,
@@ -67,21 +60,29 @@ impl Unpacker {
         Ok(Self { stage, packed: Buffer::new(device, "packed", 1)? })
     }
 
-    /// Enlarges the buffer to this number of words.
-    pub fn fit(&mut self, device: &Device, words: usize) -> Result<()> {
+    /// Enlarges the buffer to these bands of pictures of a size.
+    pub fn fit(&mut self, device: &Device, size_px: [u32; 2], bands: &[(Band, &Staging<u32>)]) -> Result<()> {
+        let words = bands.iter().map(|(band, _)| Integers::Rgb8.words(band.size(size_px))).sum();
         if self.packed.len() < words {
             self.packed = Buffer::new(device, "packed", words)?;
         }
         Ok(())
     }
 
-    /// Records the copy of the bands that lie in `packed` to `image`.
-    pub fn record(&self, cmd: &mut Commands, packed: &Staging<u32>, bands: &[PackedBand], image: &Image) {
-        cmd.upload_staged(packed, &self.packed, packed.len());
+    /// Records the copy of bands to `image`. Each is packed as [`Integers::Rgb8`] in its memory.
+    pub fn record(&self, cmd: &mut Commands, bands: &[(Band, &Staging<u32>)], image: &Image) {
+        let mut first_words = Vec::new();
+        let mut end = 0;
+        for (band, memory) in bands {
+            let words = Integers::Rgb8.words(band.size(image.size()));
+            cmd.upload_parts(memory, &self.packed, &[(0, end, words)]);
+            first_words.push(end);
+            end += words;
+        }
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        for PackedBand { band, first_word } in bands {
+        for ((band, _), first_word) in bands.iter().zip(first_words) {
             let size_px = band.size(image.size());
-            let push = UnpackPush { size_px, top: band.top, first_word: *first_word as u32 };
+            let push = UnpackPush { size_px, top: band.top, first_word: first_word as u32 };
             let bindings = UnpackBindings { image, packed: &self.packed };
             let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
             cmd.dispatch(&self.stage, bindings, push, DispatchSize::Invocations(pixels));

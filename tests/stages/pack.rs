@@ -8,8 +8,8 @@ use smalto::options::Options;
 use smalto::pixels::{Integers, Pixels};
 use smalto::procedural::{Procedural, cactus};
 use smalto::render::{
-    Band, Capacity, Form, FrameOutputs, FrameQueue, GpuScene, HostFrame, Inspection, Look, PackedBand, Packer,
-    Renderer, Unpacker, Work,
+    Band, Capacity, Form, FrameOutputs, FrameQueue, GpuScene, HostFrame, Inspection, Look, Packer, Renderer, Unpacker,
+    Work,
 };
 use smalto::rules::Background;
 
@@ -74,19 +74,19 @@ fn unpack_is_the_inverse_of_pack() {
         let bands = [Band { top: 0, rows: border }, Band { top: border, rows: height - border }];
         let colour = |i: u32| (i.wrapping_mul(2_654_435_761) >> 24) as u8;
         let colours: Vec<u8> = (0..3 * width * height).map(colour).collect();
-        let own = (3 * width * border) as usize;
-        let first_words = [0, own.div_ceil(4)];
-        let words = first_words[1] + (colours.len() - own).div_ceil(4);
-        let mut host: Staging<u32> = Staging::new(&gpu.0, "host", words).unwrap();
-        host.map().fill(u32::MAX);
-        let bytes = bytemuck::cast_slice_mut::<u32, u8>(host.map());
-        bytes[..own].copy_from_slice(&colours[..own]);
-        bytes[4 * first_words[1]..][..colours.len() - own].copy_from_slice(&colours[own..]);
+        let (upper, lower) = colours.split_at((3 * width * border) as usize);
+        // The memory of a band may be larger.
+        let memory = [upper, lower].map(|bytes| {
+            let mut memory: Staging<u32> = Staging::new(&gpu.0, "band", bytes.len().div_ceil(4) + 5).unwrap();
+            memory.map().fill(u32::MAX);
+            bytemuck::cast_slice_mut::<u32, u8>(memory.map())[..bytes.len()].copy_from_slice(bytes);
+            memory
+        });
         let image = Image::new(&gpu.0, "image", width, height).unwrap();
         let mut cmd = Commands::new(&gpu.0).unwrap();
-        let places = [0, 1].map(|i| PackedBand { band: bands[i], first_word: first_words[i] });
-        unpacker.fit(&gpu.0, words).unwrap();
-        unpacker.record(&mut cmd, &host, &places, &image);
+        let places = [0, 1].map(|i| (bands[i], &memory[i]));
+        unpacker.fit(&gpu.0, image.size(), &places).unwrap();
+        unpacker.record(&mut cmd, &places, &image);
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let pixels = cmd.read_rows(&image, 0..height).unwrap();
         let rgba = cmd.submit().unwrap().wait().unwrap().view(&pixels).to_vec();

@@ -2,18 +2,20 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
 use super::balance::Balance;
+use super::band_memory::BandMemories;
+use super::trial::Trial;
 use super::worker::{DrawnBand, LostDevice, Order, Worker, all_drawn, band_rows, cost_ms, draw_together};
 use crate::camera::Camera;
-use crate::gpu::{Access, Commands, Device, Image, Staging, Timing};
+use crate::gpu::{Access, Commands, Device, Image, Timing};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
 use crate::pixels::Integers;
 use crate::render::band::Band;
 use crate::render::frame_queue::{Form, FrameOutputs};
-use crate::render::pack::{PackedBand, Unpacker};
+use crate::render::pack::Unpacker;
 use crate::render::recorded::{Frame, Recorded};
 use crate::render::renderer::Renderer;
 use crate::render::slabs::SlabbedFrame;
@@ -22,13 +24,6 @@ use crate::rules::Background;
 /// The GPU time of a picture from which bands are tried, in milliseconds: the pixels of bands are copied twice, and the
 /// frames of the first device no longer overlap.
 pub const PAYS_FROM_MS: f64 = 5.0;
-
-/// Frames in bands until one is drawn by the first device alone, to see which is faster; and frames that are drawn so
-/// if bands are not.
-const TRIED: u32 = 100;
-
-/// The part of the time of a frame that bands must save at least.
-const GAIN: f64 = 0.03;
 
 /// The form in which bands come to the first device: the fewest bytes that a screen needs.
 const COLOURS: Integers = Integers::Rgb8;
@@ -43,22 +38,14 @@ pub struct OtherDevices {
     balance: Balance,
     device: Device,
     unpacker: Unpacker,
-    /// Memory for the pixels of bands, from which the first device copies.
-    packed: Vec<Staging<u32>>,
+    /// Memory for the bands of each worker.
+    memories: Vec<BandMemories>,
     /// The image of the renderer's own band, while the renderer holds the whole picture.
     band_image: Image,
     /// Devices that were lost since the last call of [`OtherDevices::take_lost`].
     lost: Vec<LostDevice>,
     last_bands: Vec<DeviceBand>,
-    /// The GPU time of the last picture that the first device drew alone, in milliseconds.
-    alone_ms: f64,
-    /// The time of the last picture in bands, from its begin until all bands were there, in milliseconds.
-    shared_ms: f64,
-    /// Pictures in bands since the last one that the first device drew alone.
-    tried: u32,
-    /// Pictures that the first device draws alone before the next one in bands.
-    left_alone: u32,
-    pays_from_ms: f64,
+    trial: Trial,
 }
 
 /// The band of a device in the last picture.
@@ -76,6 +63,8 @@ impl OtherDevices {
     /// # Errors
     /// If the system refuses a thread, or memory runs out.
     pub fn new(device: &Device, options: &Options, renderers: Vec<(&Device, Renderer)>) -> Result<Self> {
+        let memory = |(other, _): &(&Device, Renderer)| BandMemories::new(COLOURS, other, device);
+        let memories = renderers.iter().map(memory).collect();
         let workers: Vec<_> = renderers.into_iter().map(Worker::new).collect::<Result<_>>()?;
         Ok(Self {
             balance: Balance::new(workers.len() + 1),
@@ -83,15 +72,11 @@ impl OtherDevices {
             options: *options,
             device: device.clone(),
             unpacker: Unpacker::new(device)?,
-            packed: Vec::new(),
+            memories,
             band_image: Image::new(device, "band", 1, 1)?,
             lost: Vec::new(),
             last_bands: Vec::new(),
-            alone_ms: 0.0,
-            shared_ms: 0.0,
-            tried: 0,
-            left_alone: 0,
-            pays_from_ms: PAYS_FROM_MS,
+            trial: Trial::new(PAYS_FROM_MS),
         })
     }
 
@@ -100,8 +85,7 @@ impl OtherDevices {
     /// on the portable path would change by rounding.
     pub fn are_used(&self, camera: &Camera) -> bool {
         !self.workers.is_empty()
-            && self.left_alone == 0
-            && self.alone_ms >= self.pays_from_ms
+            && self.trial.is_on()
             && !Renderer::is_along_rays(&self.options, camera)
             && !Band::is_needed(camera.size_px)
             && Renderer::whole_because(&self.options, camera).is_none()
@@ -109,13 +93,13 @@ impl OtherDevices {
 
     /// Takes over the GPU time of a picture that the renderer drew alone, in milliseconds.
     pub fn learn_alone(&mut self, ms: f64) {
-        let is_tried = self.tried > 0;
-        (self.alone_ms, self.tried) = (ms, 0);
+        self.trial.learn_alone(ms);
         self.last_bands.clear();
-        self.left_alone = self.left_alone.saturating_sub(1);
-        if is_tried && self.pays_from_ms > 0.0 && self.shared_ms > (1.0 - GAIN) * ms {
-            self.left_alone = TRIED;
-        }
+    }
+
+    /// Takes over the GPU time in which the bands of a picture were joined, in milliseconds.
+    pub fn learn_join(&mut self, ms: f64) {
+        self.trial.learn_join(ms);
     }
 
     /// Draws a picture of `renderer` in bands, as `record_bands` does. If the first device has too little memory for
@@ -138,7 +122,7 @@ impl OtherDevices {
         let name = Vec::from_iter(self.workers.iter().map(|worker| worker.device.as_str())).join(", ");
         self.lost.push(LostDevice { place: 0, name, error: problem });
         self.workers.clear();
-        self.packed.clear();
+        self.memories.clear();
         self.last_bands.clear();
         self.band_image = Image::new(&self.device, "band", 1, 1)?;
         renderer.record(cmd, camera, background)
@@ -160,11 +144,17 @@ impl OtherDevices {
     ) -> Result<Recorded> {
         let outputs = FrameOutputs { picture: vec![Form::Integers(COLOURS)], ..FrameOutputs::default() };
         let order = Order { camera: camera.clone(), band: None, background, outputs, started: Instant::now() };
-        let (own, mut others, wait) = loop {
+        let (own, mut others, mut receivers, wait) = loop {
             let bands = self.bands(renderer, camera);
             if bands.len() == 1 {
                 self.last_bands.clear();
                 return renderer.record(cmd, camera, background);
+            }
+            let mut receivers = Vec::new();
+            for (worker, memories) in self.workers.iter().zip(&mut self.memories) {
+                let (host, receiver) = memories.take(camera.size_px)?;
+                worker.part().host = host;
+                receivers.push(receiver);
             }
             let draw_own = || {
                 let drawn = renderer.render_band(&mut self.band_image, bands[0], camera, background);
@@ -173,10 +163,11 @@ impl OtherDevices {
             let ((own, own_end), others) = draw_together(&self.workers, &order, &bands[1..], draw_own);
             let (own, wait) = (own?, own_end.elapsed());
             let (place, error) = match all_drawn(others) {
-                Ok(others) => break (own, others, wait),
+                Ok(others) => break (own, others, receivers, wait),
                 Err(failed) => failed,
             };
             let name = self.workers.remove(place).device.clone();
+            self.memories.remove(place);
             self.lost.push(LostDevice { place, name, error });
             self.balance = Balance::new(self.workers.len() + 1);
         };
@@ -190,46 +181,21 @@ impl OtherDevices {
             detail: own.detail,
         };
         let own_rows = others[0].band.top;
-        let (packed, bands) = self.packed(&mut others)?;
-        self.unpacker.fit(&self.device, packed.len())?;
+        for (other, receiver) in others.iter_mut().zip(&mut receivers) {
+            receiver.receive(&mut other.host)?;
+        }
+        let bands = Vec::from_iter(others.iter().zip(&receivers).map(|(other, own)| (other.band, &own.pixels)));
+        self.unpacker.fit(&self.device, camera.size_px, &bands)?;
+        self.trial.learn_bands(1e3 * order.started.elapsed().as_secs_f64());
         let recorded = renderer.record_joined(cmd, camera, joined, |cmd, image| {
             cmd.copy_top(&self.band_image, image, own_rows);
             cmd.barrier(Access::COPY_WRITE, Access::SHADER_WRITE);
-            self.unpacker.record(cmd, &packed, &bands, image);
+            self.unpacker.record(cmd, &bands, image);
         });
-        self.packed.push(packed);
-        for (worker, band) in self.workers.iter().zip(others) {
-            worker.part().host = band.host;
+        for (memories, (other, receiver)) in self.memories.iter_mut().zip(others.into_iter().zip(receivers)) {
+            memories.give_back(other.host, receiver);
         }
-        self.shared_ms = 1e3 * order.started.elapsed().as_secs_f64();
-        self.tried += 1;
-        let is_to_be_compared = self.tried >= TRIED || self.shared_ms > self.alone_ms;
-        self.left_alone = u32::from(self.pays_from_ms > 0.0 && is_to_be_compared);
         recorded
-    }
-
-    /// The pixels of the bands in memory that the first device reads, and their places there.
-    fn packed(&mut self, bands: &mut [DrawnBand]) -> Result<(Staging<u32>, Vec<PackedBand>)> {
-        let mut words = 0;
-        let mut place = |band: &DrawnBand| {
-            let first_word = words;
-            words += COLOURS.words(band.host.size());
-            PackedBand { band: band.band, first_word }
-        };
-        let places = Vec::from_iter(bands.iter().map(&mut place));
-        // Memory of a size that is no longer needed is freed.
-        self.packed.retain(|packed| packed.len() == words || !packed.is_idle());
-        let mut packed = match self.packed.iter().position(Staging::is_idle) {
-            Some(idle) => self.packed.swap_remove(idle),
-            None => Staging::new(&self.device, "bands", words)?,
-        };
-        let memory = packed.map();
-        for (band, place) in bands.iter_mut().zip(&places) {
-            let bytes = band.host.integers(COLOURS).context("bands have colours")?;
-            // Not by the pool that shares work: a long job there would keep the window waiting.
-            bytemuck::cast_slice_mut::<u32, u8>(&mut memory[place.first_word..])[..bytes.len()].copy_from_slice(bytes);
-        }
-        Ok((packed, places))
     }
 
     fn bands(&mut self, renderer: &Renderer, camera: &Camera) -> Vec<Band> {
@@ -265,7 +231,7 @@ impl OtherDevices {
     /// Draws pictures in bands from another GPU time on, and from 0 on whether they are faster or not, for tests.
     #[doc(hidden)]
     pub fn pay_from(&mut self, ms: f64) {
-        (self.pays_from_ms, self.left_alone) = (ms, 0);
+        self.trial = Trial::new(ms);
     }
 
     /// Loses a device in the next frame, for tests.

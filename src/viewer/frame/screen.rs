@@ -77,8 +77,10 @@ pub struct RetiredPicture {
     pub path: Path,
     /// The counts of the frame; `None` if it is incomplete because a buffer was too small.
     pub totals: Option<Totals>,
-    /// Its time on the GPU in milliseconds, if no other device drew bands of it.
-    pub alone_ms: Option<f64>,
+    /// Other devices drew bands of it.
+    pub is_shared: bool,
+    /// Its time on the GPU in milliseconds; of shared ones, that in which the bands were joined.
+    pub gpu_ms: f64,
 }
 
 /// The outcome of showing a frame.
@@ -215,12 +217,12 @@ impl Screen {
         for RecordedPicture { side, generation, path, recorded, is_shared } in pictures {
             let own = recorded.take_timings(&mut left);
             let outermost = own.iter().filter(|timing| timing.depth == 0);
-            let alone_ms = (!is_shared).then(|| outermost.map(|timing| timing.duration_ms).sum());
+            let gpu_ms = outermost.map(|timing| timing.duration_ms).sum();
             timings.extend(own);
             // Counts of a picture that was replaced meanwhile are dropped.
             if let Some((_, drawn)) = pair.drawn().find(|(s, drawn)| (*s, drawn.generation) == (side, generation)) {
                 let totals = drawn.renderer.judge(&results, &recorded)?;
-                retired.push(RetiredPicture { side, path, totals, alone_ms });
+                retired.push(RetiredPicture { side, path, totals, is_shared, gpu_ms });
             }
         }
         if is_drawn {

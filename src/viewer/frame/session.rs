@@ -462,14 +462,16 @@ impl Session {
         for frame in retired {
             self.viewer.timing.frame_times.add(&frame.timings);
             self.keep_rate(&frame.timings);
-            for RetiredPicture { side, path, totals, alone_ms } in frame.pictures {
+            for RetiredPicture { side, path, totals, is_shared, gpu_ms } in frame.pictures {
                 // An incomplete frame is drawn again, in larger buffers.
                 self.viewer.pictures.are_stale |= totals.is_none();
                 if let (Some(totals), Side::First, Some(first)) = (totals, side, &mut self.pair.first) {
                     first.frame.totals = totals;
                     first.path = path;
-                    if let (Some(ms), Some(sharing)) = (alone_ms, &mut first.sharing) {
-                        sharing.devices.learn_alone(ms);
+                    match &mut first.sharing {
+                        Some(sharing) if is_shared => sharing.devices.learn_join(gpu_ms),
+                        Some(sharing) => sharing.devices.learn_alone(gpu_ms),
+                        None => {}
                     }
                 }
             }

@@ -1,0 +1,84 @@
+//! The memory through which the pixels of bands come from one device to another.
+
+use anyhow::{Context, Result};
+
+use crate::gpu::{Device, Staging};
+use crate::pixels::Integers;
+use crate::render::frame_queue::{Form, HostFrame};
+
+/// The memory for the bands that `from` draws and `to` reads. There are several, since `to` may still read one while
+/// `from` draws the next.
+pub struct BandMemories {
+    form: Integers,
+    from: Device,
+    to: Device,
+    idle: Vec<BandMemory>,
+}
+
+/// The memory for one band. It holds a whole picture, as the heights of bands change.
+struct BandMemory {
+    /// On the device that draws.
+    host: HostFrame,
+    receiver: Receiver,
+}
+
+/// The memory for one band on the device that reads it.
+pub struct Receiver {
+    form: Integers,
+    pub pixels: Staging<u32>,
+    /// It is the memory into which the other device draws.
+    is_shared: bool,
+}
+
+impl BandMemories {
+    pub fn new(form: Integers, from: &Device, to: &Device) -> Self {
+        Self { form, from: from.clone(), to: to.clone(), idle: Vec::new() }
+    }
+
+    /// Memory for a band of a picture of this size: into which one device draws, and from which the other one reads.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn take(&mut self, size_px: [u32; 2]) -> Result<(HostFrame, Receiver)> {
+        let words = self.form.words(size_px);
+        // Memory of a size that is no longer needed is freed.
+        self.idle.retain(|memory| memory.receiver.pixels.len() == words);
+        let memory = match self.idle.iter().position(|memory| memory.receiver.pixels.is_idle()) {
+            Some(place) => self.idle.swap_remove(place),
+            None => self.allocated(words)?,
+        };
+        Ok((memory.host, memory.receiver))
+    }
+
+    fn allocated(&self, words: usize) -> Result<BandMemory> {
+        const NAME: &str = "bands";
+        let form = self.form;
+        let shared = Staging::shared(&[&self.from, &self.to], NAME, words)?;
+        let Some([drawn, pixels]) = shared.and_then(|both| <[_; 2]>::try_from(both).ok()) else {
+            let receiver = Receiver { form, pixels: Staging::new(&self.to, NAME, words)?, is_shared: false };
+            return Ok(BandMemory { host: HostFrame::default(), receiver });
+        };
+        let host = HostFrame::of(Form::Integers(form), drawn);
+        Ok(BandMemory { host, receiver: Receiver { form, pixels, is_shared: true } })
+    }
+
+    /// Gives back the memory of a band. It is used again when no commands read it any more.
+    pub fn give_back(&mut self, host: HostFrame, receiver: Receiver) {
+        self.idle.push(BandMemory { host, receiver });
+    }
+}
+
+impl Receiver {
+    /// Brings the pixels of a finished band to the device that reads them.
+    ///
+    /// # Errors
+    /// If the band has no pixels in this form.
+    pub fn receive(&mut self, host: &mut HostFrame) -> Result<()> {
+        if !self.is_shared {
+            let bytes = host.integers(self.form).context("bands have colours")?;
+            // Not by the pool that shares work: a long job there would keep the window waiting.
+            bytemuck::cast_slice_mut::<u32, u8>(self.pixels.map())[..bytes.len()].copy_from_slice(bytes);
+        }
+        Ok(())
+    }
+}

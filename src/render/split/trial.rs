@@ -1,0 +1,143 @@
+//! The choice between pictures in bands and pictures that one device draws alone, by their times.
+
+/// Frames in bands before their times count: the first of them allocate memory and find their borders.
+const RECENT: usize = 4;
+
+/// Frames in bands until one is drawn alone, to see which is faster; and frames that are drawn alone if bands are not.
+const TRIED: u32 = 100;
+
+/// The part of the time of a frame that bands must save at least.
+const GAIN: f64 = 0.03;
+
+/// Decides for each frame of a view whether it is drawn in bands.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// The time alone from which bands are tried, in milliseconds. From 0 on, they are drawn whether they are faster or
+    /// not.
+    pub from_ms: f64,
+    alone_ms: f64,
+    /// The times of the last frames in bands.
+    recent_ms: [f64; RECENT],
+    /// The time in which the first device joins bands.
+    join_ms: f64,
+    /// Frames in bands since the last one alone.
+    tried: u32,
+    /// Frames that are drawn alone before the next one in bands.
+    left_alone: u32,
+    /// The next frame alone is compared with those in bands.
+    is_compared: bool,
+}
+
+impl Trial {
+    pub fn new(from_ms: f64) -> Self {
+        Self {
+            from_ms,
+            alone_ms: 0.0,
+            recent_ms: [0.0; RECENT],
+            join_ms: 0.0,
+            tried: 0,
+            left_alone: 0,
+            is_compared: false,
+        }
+    }
+
+    /// True if the next frame shall be drawn in bands.
+    pub fn is_on(&self) -> bool {
+        self.left_alone == 0 && self.alone_ms >= self.from_ms
+    }
+
+    /// Takes over the GPU time of a frame that one device drew alone.
+    pub fn learn_alone(&mut self, ms: f64) {
+        self.alone_ms = ms;
+        self.left_alone = self.left_alone.saturating_sub(1);
+        if self.is_compared && self.left_alone == 0 {
+            self.is_compared = false;
+            if !self.is_faster() {
+                self.left_alone = TRIED;
+            }
+        }
+    }
+
+    /// Takes over the GPU time in which bands were joined.
+    pub fn learn_join(&mut self, ms: f64) {
+        self.join_ms = ms;
+    }
+
+    /// Takes over the time of a frame in bands, until all bands were there.
+    pub fn learn_bands(&mut self, ms: f64) {
+        self.recent_ms[self.tried as usize % RECENT] = ms;
+        self.tried += 1;
+        let has_doubt = self.tried as usize > RECENT && !self.is_faster();
+        if self.from_ms > 0.0 && (self.tried >= TRIED || has_doubt) {
+            (self.left_alone, self.is_compared, self.tried) = (1, true, 0);
+        }
+    }
+
+    /// The least of the last times counts: single frames are slow for reasons of the system.
+    fn is_faster(&self) -> bool {
+        let least = self.recent_ms.iter().copied().fold(f64::INFINITY, f64::min);
+        least + self.join_ms <= (1.0 - GAIN) * self.alone_ms
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The number of frames in bands among so many, of a view whose frames take so long alone and in bands.
+    fn in_bands(trial: &mut Trial, frames: u32, times: impl Fn(u32) -> [f64; 2]) -> u32 {
+        let mut bands = 0;
+        for frame in 0..frames {
+            let [alone, together] = times(frame);
+            if trial.is_on() {
+                trial.learn_bands(together);
+                trial.learn_join(0.2);
+                bands += 1;
+            } else {
+                trial.learn_alone(alone);
+            }
+        }
+        bands
+    }
+
+    #[test]
+    fn bands_go_on_while_they_are_faster() {
+        let mut trial = Trial::new(2.0);
+        assert!(!trial.is_on());
+        // The first frames are slow, and single ones later.
+        let slow = |frame: u32| if frame < 5 || frame.is_multiple_of(7) { 50.0 } else { 6.0 };
+        assert!(in_bands(&mut trial, 1000, |frame| [10.0, slow(frame)]) >= 985);
+    }
+
+    #[test]
+    fn bands_that_are_slower_cost_few_frames() {
+        for together in [9.6, 12.0] {
+            let bands = in_bands(&mut Trial::new(2.0), 1000, |_| [10.0, together]);
+            assert!((5..=50).contains(&bands), "{bands} frames in bands");
+        }
+    }
+
+    #[test]
+    fn a_frame_in_flight_is_not_compared() {
+        let mut trial = Trial::new(2.0);
+        trial.learn_alone(10.0);
+        trial.learn_bands(50.0);
+        // Recorded before the first bands.
+        trial.learn_alone(10.0);
+        assert!(trial.is_on());
+    }
+
+    #[test]
+    fn fast_frames_are_not_tried() {
+        assert_eq!(in_bands(&mut Trial::new(2.0), 1000, |_| [1.9, 0.1]), 0);
+        // A view that becomes costly is tried, and one whose bands become slow is drawn alone.
+        let mut trial = Trial::new(2.0);
+        assert!(in_bands(&mut trial, 100, |frame| [if frame < 50 { 1.0 } else { 9.0 }, 5.0]) >= 48);
+        assert!(in_bands(&mut trial, 100, |_| [9.0, 20.0]) <= 10);
+    }
+
+    #[test]
+    fn tests_may_ask_for_bands() {
+        assert_eq!(in_bands(&mut Trial::new(0.0), 1000, |_| [1.0, 9.0]), 1000);
+    }
+}
