@@ -118,6 +118,20 @@ impl Commands {
         self.copy_regions(&from.storage, &to.storage, &regions(parts));
     }
 
+    /// Copies the first words of several memories, so many of each, one after another to a buffer.
+    ///
+    /// # Panics
+    /// If a memory has fewer words, or the buffer is too small.
+    pub fn upload_joined(&mut self, from: &[(&Staging<u32>, usize)], to: &Buffer<u32>) {
+        self.writes(to.resource(), "upload", Access::COPY_WRITE);
+        let mut end = 0;
+        for (memory, len) in from {
+            assert!(*len <= memory.len && end + len <= to.len(), "the memories fit into `{}`", to.name());
+            self.copy_regions(&memory.storage, &to.storage, &regions(&[(0, end, *len)]));
+            end += len;
+        }
+    }
+
     /// Copies parts of a buffer to parts of the words: first word there, first word here, number of words.
     ///
     /// # Panics

@@ -71,8 +71,8 @@ impl HostFrame {
         Self { size: [0, 0], outputs, planes: vec![plane] }
     }
 
-    /// Allocates the memory of a view, unless that of the last one had the same outputs and is large enough: the heights
-    /// of bands change often.
+    /// Allocates the memory of a view, unless that of the last one had the same outputs and is large enough: the
+    /// heights of bands change often.
     fn fit(&mut self, device: &Device, outputs: &FrameOutputs, size: [u32; 2]) -> Result<()> {
         let fits = |(form, plane): (Form, &Staging<u32>)| form.words(size) <= plane.len();
         let is_kept = self.outputs == *outputs && outputs.planes().zip(&self.planes).all(fits);

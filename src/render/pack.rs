@@ -71,18 +71,15 @@ impl Unpacker {
 
     /// Records the copy of bands to `image`. Each is packed as [`Integers::Rgb8`] in its memory.
     pub fn record(&self, cmd: &mut Commands, bands: &[(Band, &Staging<u32>)], image: &Image) {
-        let mut first_words = Vec::new();
-        let mut end = 0;
-        for (band, memory) in bands {
-            let words = Integers::Rgb8.words(band.size(image.size()));
-            cmd.upload_parts(memory, &self.packed, &[(0, end, words)]);
-            first_words.push(end);
-            end += words;
-        }
+        let words = |(band, memory): &(Band, _)| (*memory, Integers::Rgb8.words(band.size(image.size())));
+        let parts = Vec::from_iter(bands.iter().map(words));
+        cmd.upload_joined(&parts, &self.packed);
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        for ((band, _), first_word) in bands.iter().zip(first_words) {
+        let mut first_word = 0;
+        for ((band, _), (_, words)) in bands.iter().zip(&parts) {
             let size_px = band.size(image.size());
             let push = UnpackPush { size_px, top: band.top, first_word: first_word as u32 };
+            first_word += words;
             let bindings = UnpackBindings { image, packed: &self.packed };
             let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
             cmd.dispatch(&self.stage, bindings, push, DispatchSize::Invocations(pixels));
