@@ -64,8 +64,13 @@ class _Viewer:
         if self._file is None:
             raise ValueError(f"the {self._what} shows a file, and reads it again when that changes")
         if not self.is_open:
-            raise Error(f"the {self._what} is closed")
+            raise self._closed()
         scene.write(self._file)
+
+    def _closed(self) -> Error:
+        """The error of a viewer that is closed, with what its process said if that failed."""
+        said = self._said[-1].removeprefix("smalto: ") if self._process.returncode > 0 and self._said else ""
+        return Error(f"the {self._what} is closed: {said}" if said else f"the {self._what} is closed")
 
     @property
     def is_open(self) -> bool:
@@ -140,7 +145,7 @@ class Window(_Viewer):
         docs/control.md has all messages and the state. Errors: ValueError with the reason if it cannot be done,
         smalto.Error if the window is closed."""
         if not self.is_open:
-            raise Error("the window is closed")
+            raise self._closed()
         if not self._is_controlled:
             raise Error("this system has no local sockets, or the path of its folder for temporary files is long")
         if "file" in fields:
@@ -204,8 +209,8 @@ class Server(_Viewer):
 
     @property
     def url(self) -> str:
-        """The address of the page that `smalto serve` printed, with the token if it asks for one. With "--host" it names this
-        machine THIS_MACHINE."""
+        """The address of the page that `smalto serve` printed, with the token if it asks for one: that of "--proxy", if there
+        is one. With "--host" it names this machine THIS_MACHINE."""
         return self._url
 
     def _repr_html_(self) -> str:
@@ -216,7 +221,7 @@ class Server(_Viewer):
         return f"Server({self._url if self.is_open else 'closed'})"
 
     def _hear(self, line):
-        if not self._url and line.startswith("http://"):
+        if not self._url and line.startswith(("http://", "https://")):
             self._url = line.strip()
         return bool(self._url)
 
@@ -247,8 +252,8 @@ def serve(scene: Scene | str | os.PathLike[str], *arguments: str | os.PathLike[s
         server = smalto.serve(scene)
         server
 
-    `arguments` are those of `smalto serve`, like "--port", "8080". The page is for browsers of this machine, or for those
-    that `ssh -L 7007:127.0.0.1:7007` connects to it. Errors: DeviceError if there is no device, UnreadableError if there
+    `arguments` are those of `smalto serve`, like "--port", "8080". The page is for browsers of this machine, for those that
+    `ssh -L 7007:127.0.0.1:7007` connects to it, or with "--proxy" for those of a JupyterHub. Errors: DeviceError if there is no device, UnreadableError if there
     is no such file, ValueError for a scene in a page file, smalto.Error.
     """
     return Server(scene, *arguments)

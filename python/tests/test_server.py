@@ -30,3 +30,20 @@ def test_what_stops_a_server_is_said():
         port = str(taken.getsockname()[1])
         with pytest.raises(smalto.Error, match="cannot listen"):
             smalto.serve("cactus:100", "--port", port)
+
+
+def test_a_proxy_is_the_address_of_the_page():
+    proxy = "https://hub.example/user/ann/proxy/7007/"
+    with smalto.serve("cactus:100", "--port", "0", "--proxy", proxy) as server:
+        assert server.url.startswith(f"{proxy}#token=") and f'src="{server.url}"' in server._repr_html_()
+
+
+def test_a_server_that_failed_says_why(tmp_path):
+    file = tmp_path / "scene.ply"
+    file.write_bytes(b"ply\nnonsense")
+    # The file is read after the address is known.
+    server = smalto.serve(file, "--port", "0")
+    server.wait()
+    server._file = file
+    with pytest.raises(smalto.Error, match="the server is closed: .*scene.ply"):
+        server.update(smalto.Scene.read("cactus:100"))

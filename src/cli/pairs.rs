@@ -98,7 +98,7 @@ const COMMANDS: [Pairs; 11] = [
             RULES,
             ACCURACY,
             LEVELS,
-            "port host token folder clients cameras camera photographs follow background preset response",
+            "port host token proxy folder clients cameras camera photographs follow background preset response",
         ],
         refused: &[("lod-psnr", "lod-error")],
     },
@@ -210,6 +210,7 @@ fn sample(arg: &Arg) -> String {
         "8..32" | "FRAMES" => "8",
         "PATH" => "orbit",
         "ADDRESS" => "127.0.0.1",
+        "URL" => "https://hub.example/",
         name if name.contains("FILE") || name.contains("DIR") => return format!("{}.json", arg.get_id()),
         _ => "1",
     }

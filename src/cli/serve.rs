@@ -18,7 +18,7 @@ use crate::gpu::Device;
 use crate::rules::Background;
 use crate::scene::Unreadable;
 use crate::serve;
-use crate::serve::{Admission, Limits, Reopening};
+use crate::serve::{Admission, Limits, Proxy, Reopening};
 use crate::viewer::{Setup, Start};
 
 /// Show scenes in browsers: the viewer of a machine without a screen
@@ -48,6 +48,12 @@ pub(super) struct Args {
     /// Other users of this machine can connect otherwise.
     #[arg(long, help_heading = SERVER)]
     token: bool,
+    /// Address by which browsers reach the web page through a proxy
+    ///
+    /// Like https://hub.example/user/ann/proxy/7007/ with jupyter-server-proxy of a JupyterHub. The address is printed
+    /// with a token, since others may reach the proxy, too.
+    #[arg(long, help_heading = SERVER, value_name = "URL")]
+    proxy: Option<Proxy>,
     /// Folder whose scenes, cameras and pictures browsers may open
     #[arg(long, help_heading = SERVER, value_name = "DIR")]
     folder: Option<PathBuf>,
@@ -123,11 +129,11 @@ pub(super) fn run(args: &Args) -> Result<()> {
         .map_err(|problem| anyhow::anyhow!("cannot listen on {address}: {}", describe(&problem)))?;
     let address = listener.local_addr().context("cannot listen")?;
     let is_local = address.ip().is_loopback();
-    let token = (args.token || !is_local).then(serve::new_token).transpose()?;
+    let token = (args.token || args.proxy.is_some() || !is_local).then(serve::new_token).transpose()?;
     let (device, other_devices) = first_and_others(args.device.open(usize::MAX)?);
     let setup = Setup { other_devices: other_devices.clone(), ..setup };
-    let admission = Admission { is_local, token, folder: args.folder.clone() };
-    for line in addresses(address, admission.token.as_deref()) {
+    let admission = Admission { is_local, token, folder: args.folder.clone(), proxy: args.proxy.clone() };
+    for line in addresses(address, &admission) {
         say!("{line}")?;
     }
     let current = RefCell::new(device.clone());
@@ -144,9 +150,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
 }
 
 /// What a user needs to connect: the address of the web page, and how to reach it from elsewhere.
-fn addresses(address: SocketAddr, token: Option<&str>) -> Vec<String> {
-    let fragment = token.map_or_else(String::new, |token| format!("#token={token}"));
+fn addresses(address: SocketAddr, Admission { token, proxy, .. }: &Admission) -> Vec<String> {
+    let fragment = token.as_ref().map_or_else(String::new, |token| format!("#token={token}"));
     let port = address.port();
+    if let Some(Proxy { url, .. }) = proxy {
+        return vec![format!("{url}{fragment}"), format!("The proxy has to hand requests over to http://{address}/")];
+    }
     if address.ip().is_loopback() {
         let host = if address.is_ipv6() { "[::1]" } else { "127.0.0.1" };
         return vec![
@@ -167,11 +176,16 @@ fn addresses(address: SocketAddr, token: Option<&str>) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::addresses;
+    use super::*;
 
     #[test]
     fn addresses_can_be_opened() {
-        let first = |address: &str, token| addresses(address.parse().unwrap(), token).swap_remove(0);
+        let first = |address: &str, token: Option<&str>| {
+            let address: SocketAddr = address.parse().unwrap();
+            let token = token.map(str::to_owned);
+            let admission = Admission { is_local: address.ip().is_loopback(), token, folder: None, proxy: None };
+            addresses(address, &admission).swap_remove(0)
+        };
         assert_eq!(first("127.0.0.1:7007", None), "http://localhost:7007/");
         assert_eq!(first("127.0.0.1:7007", Some("ab")), "http://localhost:7007/#token=ab");
         assert_eq!(first("0.0.0.0:80", Some("ab")), "http://THIS_MACHINE:80/#token=ab");

@@ -2,8 +2,10 @@
 
 use std::net::IpAddr;
 use std::path::{Component, Path, PathBuf};
+use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
+use axum::http::Uri;
 use subtle::ConstantTimeEq;
 
 /// The rules by which connections are accepted.
@@ -15,6 +17,36 @@ pub struct Admission {
     pub token: Option<String>,
     /// The folder whose files clients may open.
     pub folder: Option<PathBuf>,
+    pub proxy: Option<Proxy>,
+}
+
+/// A proxy through which browsers reach the server, like that of JupyterHub.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Proxy {
+    /// The address of the web page there. It ends with a slash.
+    pub url: String,
+    /// The `Origin` that browsers send from there.
+    origin: String,
+    /// The `Host` that browsers send to the proxy, which may hand it on.
+    host: String,
+}
+
+impl FromStr for Proxy {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let uri: Uri =
+            text.parse().ok().context("expected an address like https://hub.example/user/ann/proxy/7007/")?;
+        let scheme = uri.scheme_str().filter(|scheme| ["http", "https"].contains(scheme));
+        let scheme = scheme.context("the address of a proxy begins with https:// or http://")?;
+        let authority = uri.authority().map(|authority| authority.as_str().to_ascii_lowercase()).unwrap_or_default();
+        ensure!(!text.contains(['?', '#']) && !authority.contains('@'), "an address without ?, # and @ is expected");
+        // Browsers leave the usual port out.
+        let usual = if scheme == "https" { ":443" } else { ":80" };
+        let host = authority.strip_suffix(usual).unwrap_or(&authority).to_owned();
+        let origin = format!("{scheme}://{host}");
+        Ok(Self { url: format!("{origin}{}/", uri.path().trim_end_matches('/')), origin, host })
+    }
 }
 
 /// A new token: 128 random bits as hexadecimal digits.
@@ -33,14 +65,16 @@ impl Admission {
     /// has that name as `Host`.
     pub fn refuses(&self, host: Option<&str>, origin: Option<&str>) -> Option<&'static str> {
         let Some(host) = host else { return Some("the request has no header Host") };
-        if self.is_local && !is_of_this_machine(host) {
+        let is_of_proxy = |proxy: &Proxy| host.eq_ignore_ascii_case(&proxy.host);
+        let is_proxied = self.proxy.as_ref().is_some_and(is_of_proxy);
+        if self.is_local && !is_proxied && !is_of_this_machine(host) {
             return Some("the server is for this machine, by the names localhost, 127.0.0.1 and [::1]");
         }
         match origin {
-            Some(origin) if origin.strip_prefix("http://") != Some(host) => {
-                Some("a web page of another address may not connect")
-            }
-            _ => None,
+            None => None,
+            Some(origin) if self.proxy.as_ref().is_some_and(|proxy| proxy.origin == origin) => None,
+            Some(origin) if !is_proxied && origin.strip_prefix("http://") == Some(host) => None,
+            Some(_) => Some("a web page of another address may not connect"),
         }
     }
 
@@ -81,7 +115,7 @@ mod tests {
     use super::*;
 
     fn admission(is_local: bool) -> Admission {
-        Admission { is_local, token: None, folder: None }
+        Admission { is_local, token: None, folder: None, proxy: None }
     }
 
     #[test]
@@ -106,6 +140,29 @@ mod tests {
         assert!(local.refuses(None, None).is_some());
         assert_eq!(admission(false).refuses(Some("render7:7007"), Some("http://render7:7007")), None);
         assert!(admission(false).refuses(Some("render7:7007"), Some("http://evil.example")).is_some());
+    }
+
+    #[test]
+    fn a_proxy_hands_requests_over() {
+        let proxy: Proxy = "https://Hub.Example:443/user/ann/proxy/7007".parse().unwrap();
+        assert_eq!(proxy.url, "https://hub.example/user/ann/proxy/7007/");
+        assert_eq!("http://hub:8000".parse::<Proxy>().unwrap().url, "http://hub:8000/");
+        let proxied = Admission { proxy: Some(proxy), ..admission(true) };
+        // Some proxies hand the name of their own over, others that of the server.
+        for host in ["hub.example", "HUB.example", "localhost:7007", "127.0.0.1:7007"] {
+            assert_eq!(proxied.refuses(Some(host), None), None, "{host}");
+            assert_eq!(proxied.refuses(Some(host), Some("https://hub.example")), None, "{host}");
+            for origin in ["http://hub.example", "https://hub.example:8443", "https://evil.example", "null"] {
+                assert!(proxied.refuses(Some(host), Some(origin)).is_some(), "{host} {origin}");
+            }
+        }
+        assert_eq!(proxied.refuses(Some("localhost:7007"), Some("http://localhost:7007")), None);
+        assert!(proxied.refuses(Some("evil.example"), Some("https://hub.example")).is_some());
+        for wrong in
+            ["", "hub.example", "ftp://hub.example/", "https://", "https://a/?b", "https://a/#b", "https://a@b/"]
+        {
+            assert!(wrong.parse::<Proxy>().is_err(), "{wrong}");
+        }
     }
 
     #[test]

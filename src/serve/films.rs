@@ -47,12 +47,12 @@ impl Film {
         self.folder.path().join("film.mp4")
     }
 
-    /// Lets browsers fetch the film. Returns the path of its address; `None` if it was not written.
+    /// Lets browsers fetch the film. Returns its address, relative to that of the web page; `None` if it was not written.
     pub fn publish(&mut self) -> Option<String> {
         self.is_written = true;
         let file = Some(self.file()).filter(|file| file.is_file())?;
         self.films.all().insert(self.key.clone(), file);
-        Some(format!("/film/{}", self.key))
+        Some(format!("film/{}", self.key))
     }
 }
 

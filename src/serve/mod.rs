@@ -21,6 +21,6 @@ mod server;
 mod session_event;
 mod sessions;
 
-pub use admission::{Admission, new_token};
+pub use admission::{Admission, Proxy, new_token};
 pub use server::{Limits, serve};
 pub use sessions::Reopening;

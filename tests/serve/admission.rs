@@ -92,6 +92,7 @@ fn wrong_starts_are_one_sentence() {
     assert!(fails(2, &["serve"]).contains("SCENES"));
     assert!(fails(2, &["serve", "cactus:200", "--folder", &missing]).contains("no such folder"));
     assert!(fails(2, &["serve", "cactus:nonsense"]).contains("cactus"));
+    assert!(fails(2, &["serve", "cactus:200", "--proxy", "hub.example"]).contains("https://"));
     let server = Server::start(&["cactus:200"]);
     let taken = fails(1, &["serve", "cactus:200", "--port", &server.port.to_string()]);
     assert!(taken.contains("cannot listen on 127.0.0.1"), "{taken}");

@@ -12,4 +12,5 @@ mod hostile;
 mod page;
 mod paths;
 mod pictures;
+mod proxy;
 mod server;

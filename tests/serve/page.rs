@@ -15,7 +15,7 @@ use crate::server::Server;
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A browser with one page.
-struct Browser {
+pub struct Browser {
     child: Child,
     socket: WebSocket<TcpStream>,
     last: u64,
@@ -24,7 +24,7 @@ struct Browser {
 
 impl Browser {
     /// Opens a page in Chromium.
-    fn open(url: &str, size: [u32; 2]) -> Self {
+    pub fn open(url: &str, size: [u32; 2]) -> Self {
         let profile = tempfile::tempdir().unwrap();
         let mut command = Command::new("chromium");
         command.args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--remote-debugging-port=0"]);
@@ -76,7 +76,7 @@ impl Browser {
     }
 
     /// The value of an expression of the page.
-    fn value(&mut self, expression: &str) -> Value {
+    pub fn value(&mut self, expression: &str) -> Value {
         let params = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
         let result = self.call("Runtime.evaluate", params);
         assert!(result["exceptionDetails"].is_null(), "{expression}: {result}");
@@ -84,7 +84,7 @@ impl Browser {
     }
 
     /// Waits until an expression is true, also while the page is loaded again.
-    fn until(&mut self, expression: &str) {
+    pub fn until(&mut self, expression: &str) {
         let started = Instant::now();
         let asked = format!("(() => {{ try {{ return !!({expression}); }} catch (_) {{ return false; }} }})()");
         loop {
@@ -123,7 +123,7 @@ impl Browser {
     }
 
     /// The picture of the page as PNG; in the folder of `SMALTO_SCREENS`, if that is set.
-    fn screenshot(&mut self, name: &str) -> Vec<u8> {
+    pub fn screenshot(&mut self, name: &str) -> Vec<u8> {
         let result = self.call("Page.captureScreenshot", json!({ "format": "png" }));
         let file = base64::engine::general_purpose::STANDARD.decode(result["data"].as_str().unwrap()).unwrap();
         if let Some(folder) = std::env::var_os("SMALTO_SCREENS") {
@@ -170,7 +170,7 @@ fn a_page_shows_and_moves_a_scene() {
     let mut server = Server::with_ffmpeg(&["cactus:2000", "--token"], programs.path());
     let mut page = Browser::open(&server.url(), [900, 560]);
     page.until(&format!("{EXACT} && canvas.height === 560"));
-    assert_eq!(page.value("sessionStorage.getItem('token')"), json!(server.token));
+    assert_eq!(page.value("kept.get('token')"), json!(server.token));
     let size = page.value("[canvas.width, canvas.height]");
     assert_eq!(size, json!([560, 560]));
     let first = page.value(SUM);

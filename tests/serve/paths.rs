@@ -72,7 +72,7 @@ fn a_path_is_changed_played_and_written_as_a_film() {
     }
     assert!(refused(&mut client, json!({ "do": "film", "fps": 2, "file": "a.mp4" })).contains("no file name"));
     client.say(json!({ "do": "film", "fps": 2 }));
-    let film = client.told("film")["file"].as_str().unwrap().to_owned();
+    let film = format!("/{}", client.told("film")["file"].as_str().unwrap());
     let (status, text) = server.request(&film, "Host: localhost\r\n");
     assert_eq!((status, text.contains("video/mp4")), (200, true), "{text}");
     let bytes = 9 * 3 * SIZE[0] * SIZE[1];

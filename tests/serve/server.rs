@@ -57,7 +57,7 @@ impl Server {
             rest.split_once('/').unwrap()
         });
         let port = address.rsplit_once(':').unwrap().1.parse().unwrap();
-        Self { child, port, token: fragment.strip_prefix("#token=").map(str::to_owned) }
+        Self { child, port, token: fragment.split_once("#token=").map(|(_, token)| token.to_owned()) }
     }
 
     pub fn url(&self) -> String {

@@ -22,17 +22,25 @@ const held = new Set();
 const pending = [];
 let sending = false;
 
+// What this tab keeps. Other pages behind a proxy have the same origin, so names have the path.
+const kept = {
+  name: (name) => `${location.pathname} ${name}`,
+  get: (name) => sessionStorage.getItem(kept.name(name)),
+  set: (name, text) => sessionStorage.setItem(kept.name(name), text),
+  remove: (name) => sessionStorage.removeItem(kept.name(name)),
+};
+
 // ---- The address: the token and, after a while at rest, the view.
 
 const token = (() => {
   const fragment = new URLSearchParams(location.hash.slice(1));
   const given = fragment.get('token');
   if (given) {
-    sessionStorage.setItem('token', given);
+    kept.set('token', given);
     fragment.delete('token');
     history.replaceState(null, '', `${location.pathname}#${fragment}`);
   }
-  return given || sessionStorage.getItem('token');
+  return given || kept.get('token');
 })();
 
 function readAddress() {
@@ -71,7 +79,10 @@ function size() {
 }
 
 function connect() {
-  socket = new WebSocket(`ws://${location.host}/socket`);
+  // Below the address of the page: a proxy may hand it over from a folder of its own.
+  const url = new URL('socket', location.origin + location.pathname);
+  url.protocol = url.protocol.replace('http', 'ws');
+  socket = new WebSocket(url);
   socket.binaryType = 'arraybuffer';
   socket.onopen = () => {
     drawn = 0;
@@ -545,15 +556,15 @@ let path = [];
 let isRestored = null;
 
 function keep(name, value) {
-  if (isRestored) sessionStorage.setItem(name, JSON.stringify(value));
+  if (isRestored) kept.set(name, JSON.stringify(value));
 }
 
 // What was kept is of these scenes, and not of others that a server at the same address shows later.
 function restore() {
-  const kept = (name) => JSON.parse(sessionStorage.getItem(name));
+  const read = (name) => JSON.parse(kept.get(name));
   const scenes = state.scenes.map(({ name }) => name);
-  const isSame = JSON.stringify(kept('scenes')) === JSON.stringify(scenes);
-  const [measures, keys, placements] = isSame ? [kept('measures'), kept('path'), kept('placements')] : [];
+  const isSame = JSON.stringify(read('scenes')) === JSON.stringify(scenes);
+  const [measures, keys, placements] = isSame ? [read('measures'), read('path'), read('placements')] : [];
   isRestored = false;
   path = [];
   showPath();
@@ -564,8 +575,8 @@ function restore() {
     const k = placements ? placements.findIndex(([of]) => of === name) : -1;
     if (k >= 0) say({ do: 'place', scene, placement: placements.splice(k, 1)[0][1] });
   });
-  if (!isSame) ['measures', 'path', 'placements'].forEach((name) => sessionStorage.removeItem(name));
-  sessionStorage.setItem('scenes', JSON.stringify(scenes));
+  if (!isSame) ['measures', 'path', 'placements'].forEach((name) => kept.remove(name));
+  kept.set('scenes', JSON.stringify(scenes));
   say({ do: 'rest', number: 0 });
 }
 

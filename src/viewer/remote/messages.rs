@@ -203,7 +203,8 @@ pub enum ServerMessage {
     Path {
         keys: serde_json::Value,
     },
-    /// A film is written: the path of its address, until the connection ends or another film is written.
+    /// A film is written: its address, relative to that of the web page, until the connection ends or another film is
+    /// written.
     Film {
         file: String,
     },
