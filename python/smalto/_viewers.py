@@ -67,10 +67,12 @@ class _Viewer:
             raise self._closed()
         scene.write(self._file)
 
+    def _reason(self) -> str:
+        """What the process said, if it failed."""
+        return ": " + self._said[-1].removeprefix("smalto: ") if self._process.returncode > 0 and self._said else ""
+
     def _closed(self) -> Error:
-        """The error of a viewer that is closed, with what its process said if that failed."""
-        said = self._said[-1].removeprefix("smalto: ") if self._process.returncode > 0 and self._said else ""
-        return Error(f"the {self._what} is closed: {said}" if said else f"the {self._what} is closed")
+        return Error(f"the {self._what} is closed{self._reason()}")
 
     @property
     def is_open(self) -> bool:
@@ -78,9 +80,11 @@ class _Viewer:
         return self._process.poll() is None
 
     def wait(self) -> None:
-        """Waits until it is closed."""
+        """Waits until it is closed. Errors: smalto.Error with the reason if it failed."""
         self._process.wait()
         self.close()
+        if self._process.returncode > 0:
+            raise self._closed()
 
     def close(self) -> None:
         """Closes it."""
@@ -218,7 +222,7 @@ class Server(_Viewer):
         return f'<iframe src="{self._url}" {frame}></iframe>'
 
     def __repr__(self) -> str:
-        return f"Server({self._url if self.is_open else 'closed'})"
+        return f"Server({self._url if self.is_open else 'closed' + self._reason()})"
 
     def _hear(self, line):
         if not self._url and line.startswith(("http://", "https://")):

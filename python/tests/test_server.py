@@ -43,7 +43,6 @@ def test_a_server_that_failed_says_why(tmp_path):
     file.write_bytes(b"ply\nnonsense")
     # The file is read after the address is known.
     server = smalto.serve(file, "--port", "0")
-    server.wait()
-    server._file = file
     with pytest.raises(smalto.Error, match="the server is closed: .*scene.ply"):
-        server.update(smalto.Scene.read("cactus:100"))
+        server.wait()
+    assert not server.is_open and "scene.ply" in repr(server)
