@@ -47,7 +47,8 @@ impl Film {
         self.folder.path().join("film.mp4")
     }
 
-    /// Lets browsers fetch the film. Returns its address, relative to that of the web page; `None` if it was not written.
+    /// Lets browsers fetch the film. Returns its address, relative to that of the web page; `None` if it was not
+    /// written.
     pub fn publish(&mut self) -> Option<String> {
         self.is_written = true;
         let file = Some(self.file()).filter(|file| file.is_file())?;

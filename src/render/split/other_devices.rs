@@ -21,8 +21,8 @@ use crate::render::renderer::Renderer;
 use crate::render::slabs::SlabbedFrame;
 use crate::rules::Background;
 
-/// The GPU time of a picture from which bands are tried, in milliseconds: the pixels of bands are copied, and the frames
-/// of the first device no longer overlap.
+/// The GPU time of a picture from which bands are tried, in milliseconds: the pixels of bands are copied, and the
+/// frames of the first device no longer overlap.
 pub const PAYS_FROM_MS: f64 = 2.0;
 
 /// The form in which bands come to the first device: the fewest bytes that a screen needs.

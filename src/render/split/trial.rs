@@ -3,8 +3,12 @@
 /// Frames in bands before their times count: the first of them allocate memory and find their borders.
 const RECENT: usize = 4;
 
-/// Frames in bands until one is drawn alone, to see which is faster; and frames that are drawn alone if bands are not.
+/// Frames in bands until one is drawn alone, to see which is faster.
 const TRIED: u32 = 100;
+
+/// Frames that are drawn alone after bands were not faster: at first, and at most. Their number doubles each time.
+const FIRST_PAUSE: u32 = 100;
+const LONGEST_PAUSE: u32 = 1600;
 
 /// The part of the time of a frame that bands must save at least.
 const GAIN: f64 = 0.03;
@@ -26,6 +30,8 @@ pub struct Trial {
     left_alone: u32,
     /// The next frame alone is compared with those in bands.
     is_compared: bool,
+    /// Frames that are drawn alone if bands are not faster.
+    pause: u32,
 }
 
 impl Trial {
@@ -38,6 +44,7 @@ impl Trial {
             tried: 0,
             left_alone: 0,
             is_compared: false,
+            pause: FIRST_PAUSE,
         }
     }
 
@@ -52,9 +59,10 @@ impl Trial {
         self.left_alone = self.left_alone.saturating_sub(1);
         if self.is_compared && self.left_alone == 0 {
             self.is_compared = false;
-            if !self.is_faster() {
-                self.left_alone = TRIED;
-            }
+            (self.left_alone, self.pause) = match self.is_faster() {
+                true => (0, FIRST_PAUSE),
+                false => (self.pause, LONGEST_PAUSE.min(2 * self.pause)),
+            };
         }
     }
 
@@ -112,8 +120,11 @@ mod tests {
     #[test]
     fn bands_that_are_slower_cost_few_frames() {
         for together in [9.6, 12.0] {
-            let bands = in_bands(&mut Trial::new(2.0), 1000, |_| [10.0, together]);
-            assert!((5..=50).contains(&bands), "{bands} frames in bands");
+            let mut trial = Trial::new(2.0);
+            let bands = in_bands(&mut trial, 10_000, |_| [10.0, together]);
+            assert!((10..=100).contains(&bands), "{bands} frames in bands");
+            // They are used again where they become faster.
+            assert!(in_bands(&mut trial, 2000, |_| [10.0, 5.0]) >= 390);
         }
     }
 
