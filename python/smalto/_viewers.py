@@ -47,7 +47,7 @@ class _Viewer:
             text=True,
             start_new_session=True,
         )
-        self._is_ready, self._said = threading.Event(), list[str]()
+        self._is_ready, self._said, self._is_ended = threading.Event(), list[str](), False
         self._readers = [threading.Thread(target=read, daemon=True) for read in (self._read_lines, self._read_errors)]
         for reader in self._readers:
             reader.start()
@@ -67,12 +67,19 @@ class _Viewer:
             raise self._closed()
         scene.write(self._file)
 
-    def _reason(self) -> str:
-        """What the process said, if it failed."""
-        return ": " + self._said[-1].removeprefix("smalto: ") if self._process.returncode > 0 and self._said else ""
+    def _has_failed(self) -> bool:
+        """True if the process ended with a failure, and not by `close`."""
+        return self._process.poll() not in (None, 0) and not self._is_ended
 
     def _closed(self) -> Error:
-        return Error(f"the {self._what} is closed{self._reason()}")
+        """The error of a viewer that is closed, with the reason if it failed."""
+        if not self._has_failed():
+            return Error(f"the {self._what} is closed")
+        for reader in self._readers:
+            reader.join(timeout=5)
+        code = self._process.returncode
+        said = self._said[-1].removeprefix("smalto: ") if self._said else f"it ended with code {code}"
+        return (DeviceError if code == 3 else Error)(f"the {self._what} is closed: {said}")
 
     @property
     def is_open(self) -> bool:
@@ -83,12 +90,13 @@ class _Viewer:
         """Waits until it is closed. Errors: smalto.Error with the reason if it failed."""
         self._process.wait()
         self.close()
-        if self._process.returncode > 0:
+        if self._has_failed():
             raise self._closed()
 
     def close(self) -> None:
         """Closes it."""
         if self.is_open:
+            self._is_ended = True
             self._process.terminate()
         self._process.wait()
         for reader in self._readers:
@@ -158,7 +166,9 @@ class Window(_Viewer):
             try:
                 return self._ask({"do": do, **fields})
             except OSError as problem:
-                raise Error("the window is closed") from problem
+                # The process ends in this moment, or has ended.
+                self._process.wait()
+                raise self._closed() from problem
 
     def _ask(self, message):
         if self._socket is None:
@@ -213,8 +223,8 @@ class Server(_Viewer):
 
     @property
     def url(self) -> str:
-        """The address of the page that `smalto serve` printed, with the token if it asks for one: that of "--proxy", if there
-        is one. With "--host" it names this machine THIS_MACHINE."""
+        """The address of the page that `smalto serve` printed, with the token if it asks for one; that of "--proxy", if it is
+        given. With "--host" it names this machine THIS_MACHINE."""
         return self._url
 
     def _repr_html_(self) -> str:
@@ -222,7 +232,7 @@ class Server(_Viewer):
         return f'<iframe src="{self._url}" {frame}></iframe>'
 
     def __repr__(self) -> str:
-        return f"Server({self._url if self.is_open else 'closed' + self._reason()})"
+        return f"Server({self._url if self.is_open else 'closed'})"
 
     def _hear(self, line):
         if not self._url and line.startswith(("http://", "https://")):
@@ -257,8 +267,8 @@ def serve(scene: Scene | str | os.PathLike[str], *arguments: str | os.PathLike[s
         server
 
     `arguments` are those of `smalto serve`, like "--port", "8080". The page is for browsers of this machine, for those that
-    `ssh -L 7007:127.0.0.1:7007` connects to it, or with "--proxy" for those of a JupyterHub. Errors: DeviceError if there is no device, UnreadableError if there
-    is no such file, ValueError for a scene in a page file, smalto.Error.
+    `ssh -L 7007:127.0.0.1:7007` connects to it, or with "--proxy" for those that reach a proxy. Errors: DeviceError if
+    there is no device, UnreadableError if there is no such file, ValueError for a scene in a page file, smalto.Error.
     """
     return Server(scene, *arguments)
 

@@ -48,10 +48,10 @@ pub(super) struct Args {
     /// Other users of this machine can connect otherwise.
     #[arg(long, help_heading = SERVER)]
     token: bool,
-    /// Address by which browsers reach the web page through a proxy
+    /// Address of the web page in browsers that reach it through a proxy
     ///
     /// Like https://hub.example/user/ann/proxy/7007/ with jupyter-server-proxy of a JupyterHub. The address is printed
-    /// with a token, since others may reach the proxy, too.
+    /// with a token, which is always asked for, since others may reach the proxy, too.
     #[arg(long, help_heading = SERVER, value_name = "URL")]
     proxy: Option<Proxy>,
     /// Folder whose scenes, cameras and pictures browsers may open
@@ -153,8 +153,16 @@ pub(super) fn run(args: &Args) -> Result<()> {
 fn addresses(address: SocketAddr, Admission { token, proxy, .. }: &Admission) -> Vec<String> {
     let fragment = token.as_ref().map_or_else(String::new, |token| format!("#token={token}"));
     let port = address.port();
+    let host = match address.ip() {
+        ip if ip.is_unspecified() => "THIS_MACHINE".to_owned(),
+        IpAddr::V6(ip) => format!("[{ip}]"),
+        ip => ip.to_string(),
+    };
+    let warning = "Pictures and the token are not encrypted: use this in a trusted network only".to_owned();
     if let Some(Proxy { url, .. }) = proxy {
-        return vec![format!("{url}{fragment}"), format!("The proxy has to hand requests over to http://{address}/")];
+        let handed = format!("The proxy has to hand requests over to http://{host}:{port}/");
+        let lines = [format!("{url}{fragment}"), handed].into_iter();
+        return lines.chain((!address.ip().is_loopback()).then_some(warning)).collect();
     }
     if address.ip().is_loopback() {
         let host = if address.is_ipv6() { "[::1]" } else { "127.0.0.1" };
@@ -163,15 +171,7 @@ fn addresses(address: SocketAddr, Admission { token, proxy, .. }: &Admission) ->
             format!("From another machine: ssh -L {port}:{host}:{port} THIS_MACHINE, then open the same address there"),
         ];
     }
-    let host = match address.ip() {
-        ip if ip.is_unspecified() => "THIS_MACHINE".to_owned(),
-        IpAddr::V6(ip) => format!("[{ip}]"),
-        ip => ip.to_string(),
-    };
-    vec![
-        format!("http://{host}:{port}/{fragment}"),
-        "Pictures and the token are not encrypted: use this in a trusted network only".to_owned(),
-    ]
+    vec![format!("http://{host}:{port}/{fragment}"), warning]
 }
 
 #[cfg(test)]

@@ -111,13 +111,13 @@ pub struct Storage {
     pub(super) scalar: Scalar,
     pub(super) columns: usize,
     allocation: Option<Held>,
-    /// Memory of its own, in the place of an allocation.
-    pub(super) dedicated: Option<Dedicated>,
+    /// Memory that others use, too, in the place of an allocation.
+    pub(super) external: Option<External>,
     pub(super) device: Arc<Shared>,
 }
 
-/// Memory of one buffer alone: it is exported, or imported from the host.
-pub(super) struct Dedicated {
+/// The memory of one buffer, which other APIs open, or which was imported from the host.
+pub(super) struct External {
     pub memory: vk::DeviceMemory,
     pub bytes: u64,
     /// The host memory that was imported.
@@ -129,6 +129,8 @@ pub(super) struct Dedicated {
 #[repr(align(0x10000))]
 #[allow(dead_code, reason = "only devices read the bytes")]
 pub(super) struct HostBlock(pub [u8; HOST_BLOCK]);
+
+const _: () = assert!(align_of::<HostBlock>() == HOST_BLOCK);
 
 impl Storage {
     pub(super) fn new(
@@ -168,7 +170,7 @@ impl Storage {
             scalar: Scalar::U32,
             columns: 1,
             allocation: None,
-            dedicated: None,
+            external: None,
             device: device.clone(),
         })
     }
@@ -212,9 +214,9 @@ impl Drop for Storage {
         if let Some(allocation) = self.allocation.take() {
             self.device.free(allocation);
         }
-        if let Some(dedicated) = self.dedicated.take() {
-            // SAFETY: clause 2, as above. Other APIs that opened the memory keep it.
-            unsafe { self.device.raw.free_memory(dedicated.memory, None) };
+        if let Some(external) = self.external.take() {
+            // SAFETY: clause 2, as above. Other APIs that opened the memory keep it; host memory is freed after this.
+            unsafe { self.device.raw.free_memory(external.memory, None) };
         }
     }
 }

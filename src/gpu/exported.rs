@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use ash::{khr, vk};
 
-use super::buffer::{Buffer, Dedicated, Storage};
+use super::buffer::{Buffer, External, Storage};
 use super::capabilities::{BUFFER_USAGE, EXPORT_HANDLE, Feature};
 use super::device::{Device, Shared};
 use super::element::Element;
@@ -73,14 +73,14 @@ impl Storage {
         // extension.
         let memory =
             unsafe { device.raw.allocate_memory(&info, None) }.map_err(|error| describe("vkAllocateMemory", error))?;
-        storage.dedicated = Some(Dedicated { memory, bytes: requirements.size, host: None });
+        storage.external = Some(External { memory, bytes: requirements.size, host: None });
         storage.bind(memory, 0)?;
         Ok(storage)
     }
 
     /// A new handle of the memory. It stays open for whoever opens it when the buffer is gone.
     pub(super) fn export(&self) -> Result<Handle> {
-        let exported = self.dedicated.as_ref().filter(|dedicated| dedicated.host.is_none());
+        let exported = self.external.as_ref().filter(|external| external.host.is_none());
         let exported = exported.context("this memory is not exported")?;
         let api = khr::external_memory_fd::Device::new(&self.device.instance.raw, &self.device.raw);
         let info = vk::MemoryGetFdInfoKHR::default().memory(exported.memory).handle_type(EXPORT_HANDLE);

@@ -24,8 +24,9 @@
 //!    loaded only if its hash is intact, so that the driver gets only data that it wrote itself.
 //! 6. *Plain data.* Only `bytemuck::Pod` types cross between host and device.
 //!
-//! Public functions are safe under these clauses, with one precondition that types do not express:
-//! [`Commands::dispatch_indirect`] needs workgroup counts that a shader of this crate wrote.
+//! Public functions are safe under these clauses, with two preconditions that types do not express:
+//! [`Commands::dispatch_indirect`] needs workgroup counts that a shader of this crate wrote, and commands of two devices
+//! must not use memory of [`Staging::shared`] at the same time.
 
 mod buffer;
 mod capabilities;

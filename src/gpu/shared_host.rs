@@ -2,25 +2,29 @@
 
 use std::sync::Arc;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use ash::{ext, vk};
 
-use super::buffer::{Dedicated, HostBlock, Storage};
-use super::capabilities::{Feature, HOST_BLOCK, HOST_HANDLE, STAGING_USAGE};
+use super::buffer::{External, HostBlock, Storage};
+use super::capabilities::{DeviceKind, Feature, HOST_BLOCK, HOST_HANDLE, STAGING_USAGE};
 use super::device::{Device, Shared};
 use super::element::Element;
-use super::error::describe;
+use super::error::{DeviceLost, describe};
 use super::staging::Staging;
 use crate::host_memory::OutOfMemory;
 
 impl<T: Element> Staging<T> {
-    /// The same memory on each of these devices. It cannot be mapped. Commands of different devices must not use it at
-    /// the same time. `None` if a device shares no memory of the host.
+    /// The same memory on two devices. It cannot be mapped. Commands of both must not use it at the same time. `None` if
+    /// a device shares no memory of the host, or none where a limit of its own memory would count it.
     ///
     /// # Errors
-    /// If memory runs out.
-    pub fn shared(devices: &[&Device], name: &str, len: usize) -> Result<Option<Vec<Self>>> {
-        if !devices.iter().all(|device| device.capabilities().has(Feature::SharedHostMemory)) {
+    /// If memory of the host runs out, or a device is lost.
+    pub fn shared(devices: [&Device; 2], name: &str, len: usize) -> Result<Option<[Self; 2]>> {
+        let shares = |device: &Device| {
+            let is_counted = device.0.budget.user_limit.is_some() && device.capabilities().kind != DeviceKind::Discrete;
+            device.capabilities().has(Feature::SharedHostMemory) && !is_counted
+        };
+        if !devices.into_iter().all(shares) {
             return Ok(None);
         }
         let blocks = (len.max(1) * size_of::<T>()).div_ceil(HOST_BLOCK);
@@ -32,8 +36,15 @@ impl<T: Element> Staging<T> {
         })?;
         memory.resize(blocks, HostBlock([0; HOST_BLOCK]));
         let memory = Arc::new(memory);
-        let of = |device: &&Device| Ok(Self::of(Storage::importing(&device.0, name, memory.clone())?, len));
-        devices.iter().map(of).collect::<Result<_>>().map(Some)
+        let of = |device: &Device| -> Result<Self> {
+            Ok(Self::of(Storage::importing(&device.0, name, memory.clone())?, len))
+        };
+        match (of(devices[0]), of(devices[1])) {
+            (Ok(first), Ok(second)) => Ok(Some([first, second])),
+            (Err(problem), _) | (_, Err(problem)) if problem.is::<DeviceLost>() => Err(problem),
+            // A driver may refuse memory that another one has imported.
+            _ => Ok(None),
+        }
     }
 }
 
@@ -54,6 +65,9 @@ impl Storage {
         let kind = storage
             .memory_type(found.memory_type_bits, vk::MemoryPropertyFlags::HOST_COHERENT)
             .with_context(|| format!("{} shares no memory of the host", device.capabilities.name))?;
+        // SAFETY: clause 1.
+        let requirements = unsafe { device.raw.get_buffer_memory_requirements(storage.raw) };
+        ensure!(requirements.size <= bytes, "{} needs more memory for a buffer than the buffer has", storage.name);
         let mut import = vk::ImportMemoryHostPointerInfoEXT::default().handle_type(HOST_HANDLE).host_pointer(pointer);
         let info =
             vk::MemoryAllocateInfo::default().allocation_size(bytes).memory_type_index(kind).push_next(&mut import);
@@ -61,7 +75,7 @@ impl Storage {
         // extension.
         let memory =
             unsafe { device.raw.allocate_memory(&info, None) }.map_err(|error| describe("vkAllocateMemory", error))?;
-        storage.dedicated = Some(Dedicated { memory, bytes, host: Some(host) });
+        storage.external = Some(External { memory, bytes, host: Some(host) });
         storage.bind(memory, 0)?;
         Ok(storage)
     }
@@ -73,13 +87,20 @@ mod tests {
     use crate::gpu::{Access, Buffer, Commands, DeviceChoice, Validation};
 
     #[test]
+    fn a_limit_of_memory_of_the_host_allows_no_sharing() {
+        let open = || Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+        let limited = open().with_memory_limit(Some(256 << 20)).unwrap();
+        let is_discrete = limited.capabilities().kind == DeviceKind::Discrete;
+        assert_eq!(Staging::<u32>::shared([&limited, &open()], "shared", 8).unwrap().is_some(), is_discrete);
+    }
+
+    #[test]
     fn what_one_device_writes_another_reads() {
         let open = || Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
         let (first, second) = (open(), open());
         for len in [1_usize, 50_000] {
-            let shared = Staging::<u32>::shared(&[&first, &second], "shared", len).unwrap();
-            let [from_first, to_second] =
-                <[_; 2]>::try_from(shared.expect("the device shares host memory")).ok().unwrap();
+            let shared = Staging::<u32>::shared([&first, &second], "shared", len).unwrap();
+            let [from_first, to_second] = shared.expect("the device shares host memory");
             let values = Vec::from_iter((0..len as u32).map(|i| i * 7919 + 1));
             let buffer = Buffer::new(&first, "values", len).unwrap();
             let mut cmd = Commands::new(&first).unwrap();

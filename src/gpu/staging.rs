@@ -118,7 +118,7 @@ impl Commands {
         self.copy_regions(&from.storage, &to.storage, &regions(parts));
     }
 
-    /// Copies the first words of several memories, so many of each, one after another to a buffer.
+    /// Copies the first words of several memories to a buffer, one after another. Each has its number of words.
     ///
     /// # Panics
     /// If a memory has fewer words, or the buffer is too small.

@@ -1,7 +1,7 @@
 //! The queue of frames in flight: while one is drawn, the pixels of the frames before it are copied to the host, into
 //! memory that is used again.
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 
 use super::band::Band;
 use super::capacity::MAX_ATTEMPTS;
@@ -62,28 +62,32 @@ pub struct HostFrame {
     outputs: FrameOutputs,
     /// The pixels of the forms of the picture, then of the depths.
     planes: Vec<Staging<u32>>,
+    /// It is for bands of any height that fit.
+    is_for_bands: bool,
 }
 
 impl HostFrame {
-    /// Memory for the pixels of pictures in this form, at most as long as `plane`.
-    pub(super) fn of(form: Form, plane: Staging<u32>) -> Self {
+    /// Memory for bands in this form, of all heights whose words fit into `plane`.
+    pub(super) fn for_bands(form: Form, plane: Staging<u32>) -> Self {
         let outputs = FrameOutputs { picture: vec![form], ..FrameOutputs::default() };
-        Self { size: [0, 0], outputs, planes: vec![plane] }
+        Self { size: [0, 0], outputs, planes: vec![plane], is_for_bands: true }
     }
 
-    /// Allocates the memory of a view, unless that of the last one had the same outputs and is large enough: the
-    /// heights of bands change often.
+    /// Allocates the memory of a view, unless it has the size and the outputs of the last one.
     fn fit(&mut self, device: &Device, outputs: &FrameOutputs, size: [u32; 2]) -> Result<()> {
-        let fits = |(form, plane): (Form, &Staging<u32>)| form.words(size) <= plane.len();
-        let is_kept = self.outputs == *outputs && outputs.planes().zip(&self.planes).all(fits);
-        if !is_kept {
+        if self.is_for_bands {
+            let fits = |(form, plane): (Form, &Staging<u32>)| form.words(size) <= plane.len();
+            let are_fitting = self.outputs == *outputs && outputs.planes().zip(&self.planes).all(fits);
+            ensure!(are_fitting, "the band does not fit into its memory");
+            self.size = size;
+        } else if self.size != size || self.outputs != *outputs {
             // Frees the old memory before the new is allocated.
             self.planes.clear();
             let new = if outputs.is_exported { Staging::exportable } else { Staging::new };
             let plane = |form: Form| new(device, "host frame", form.words(size));
-            (self.planes, self.outputs) = (outputs.planes().map(plane).collect::<Result<_>>()?, outputs.clone());
+            let planes = outputs.planes().map(plane).collect::<Result<_>>()?;
+            *self = Self { size, outputs: outputs.clone(), planes, is_for_bands: false };
         }
-        self.size = size;
         Ok(())
     }
 
@@ -102,16 +106,14 @@ impl HostFrame {
 
     /// Red, green, blue and alpha of the picture, row by row, if its floats are an output.
     pub fn floats(&mut self) -> Option<&[[f32; 4]]> {
-        let pixels = self.pixels();
         let plane = self.outputs.picture.iter().position(|form| *form == Form::Floats)?;
-        Some(&bytemuck::cast_slice(self.planes[plane].map())[..pixels])
+        Some(bytemuck::cast_slice(self.planes[plane].map()))
     }
 
     /// The input of [`depths`](super::inspect::depths), if it is an output.
     pub fn depths(&mut self) -> Option<Pixels> {
-        let (size, pixels) = (self.size, self.pixels());
         let plane = self.outputs.depths.then(|| self.planes.last_mut()).flatten()?;
-        Some(Pixels { size, rgba: bytemuck::cast_slice(plane.map())[..pixels].to_vec() })
+        Some(Pixels { size: self.size, rgba: bytemuck::cast_slice(plane.map()).to_vec() })
     }
 
     /// Handles of the memory of the forms of the picture, then of the depths, if the pixels stay in device memory.
@@ -125,10 +127,6 @@ impl HostFrame {
     /// Width and height in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.size
-    }
-
-    fn pixels(&self) -> usize {
-        self.size[0] as usize * self.size[1] as usize
     }
 }
 

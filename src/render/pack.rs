@@ -60,7 +60,7 @@ impl Unpacker {
         Ok(Self { stage, packed: Buffer::new(device, "packed", 1)? })
     }
 
-    /// Enlarges the buffer to these bands of pictures of a size.
+    /// Enlarges the buffer so that these bands of a picture of this size fit into it.
     pub fn fit(&mut self, device: &Device, size_px: [u32; 2], bands: &[(Band, &Staging<u32>)]) -> Result<()> {
         let words = bands.iter().map(|(band, _)| Integers::Rgb8.words(band.size(size_px))).sum();
         if self.packed.len() < words {

@@ -100,6 +100,16 @@ impl Recorded {
         all.iter_mut().filter(|timing| is_frame(timing)).for_each(|frame| frame.duration_ms += slabs);
         all
     }
+
+    /// The GPU time of the frame's own commands in milliseconds, without that of slabs or bands, which had others. The
+    /// timings are those of [`Recorded::take_timings`].
+    pub fn own_ms(&self, timings: &[Timing]) -> f64 {
+        let all: f64 = timings.iter().filter(|timing| timing.depth == 0).map(|timing| timing.duration_ms).sum();
+        match &self.counted {
+            Counted::Slabbed(drawn) => all - drawn.timings.iter().map(|stage| stage.duration_ms).sum::<f64>(),
+            Counted::Whole(_) | Counted::Paged(..) => all,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -126,6 +136,7 @@ mod tests {
             |timings: &[Timing]| timings.iter().map(|timing| (timing.name, timing.duration_ms)).collect::<Vec<_>>();
         let first = slabbed.take_timings(&mut left);
         assert_eq!(names(&first), [("sort", 2.0), ("blend", 5.0), ("upscale", 1.0), (FRAME, 8.0), ("pack", 0.5)]);
+        assert_eq!(slabbed.own_ms(&first), 1.5);
         assert_eq!(names(&slabbed.take_timings(&mut left)[2..]), [(FRAME, 8.0)]);
         assert_eq!(names(left), [("display", 0.25)]);
     }

@@ -39,8 +39,10 @@ impl FromStr for Proxy {
             text.parse().ok().context("expected an address like https://hub.example/user/ann/proxy/7007/")?;
         let scheme = uri.scheme_str().filter(|scheme| ["http", "https"].contains(scheme));
         let scheme = scheme.context("the address of a proxy begins with https:// or http://")?;
-        let authority = uri.authority().map(|authority| authority.as_str().to_ascii_lowercase()).unwrap_or_default();
-        ensure!(!text.contains(['?', '#']) && !authority.contains('@'), "an address without ?, # and @ is expected");
+        let authority = uri.authority().map_or_else(String::new, |authority| authority.as_str().to_ascii_lowercase());
+        let is_plain = !text.contains(['?', '#', '"', '\'']) && !authority.contains('@');
+        ensure!(is_plain, "an address without ?, #, @ and quotation marks is expected");
+        ensure!(uri.host().is_some_and(|host| !host.is_empty()) && !authority.ends_with(':'), "the host is missing");
         // Browsers leave the usual port out.
         let usual = if scheme == "https" { ":443" } else { ":80" };
         let host = authority.strip_suffix(usual).unwrap_or(&authority).to_owned();
@@ -65,7 +67,8 @@ impl Admission {
     /// has that name as `Host`.
     pub fn refuses(&self, host: Option<&str>, origin: Option<&str>) -> Option<&'static str> {
         let Some(host) = host else { return Some("the request has no header Host") };
-        let is_of_proxy = |proxy: &Proxy| host.eq_ignore_ascii_case(&proxy.host);
+        // Proxies may leave the port out, or add the usual one.
+        let is_of_proxy = |proxy: &Proxy| name_of(host).eq_ignore_ascii_case(name_of(&proxy.host));
         let is_proxied = self.proxy.as_ref().is_some_and(is_of_proxy);
         if self.is_local && !is_proxied && !is_of_this_machine(host) {
             return Some("the server is for this machine, by the names localhost, 127.0.0.1 and [::1]");
@@ -73,6 +76,7 @@ impl Admission {
         match origin {
             None => None,
             Some(origin) if self.proxy.as_ref().is_some_and(|proxy| proxy.origin == origin) => None,
+            // Pages of the proxy by a scheme that is not encrypted are others.
             Some(origin) if !is_proxied && origin.strip_prefix("http://") == Some(host) => None,
             Some(_) => Some("a web page of another address may not connect"),
         }
@@ -100,13 +104,18 @@ impl Admission {
     }
 }
 
+/// The name of a header `Host`, without its port; all of it if it is none.
+fn name_of(host: &str) -> &str {
+    match host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+        Some((name, port)) if port.is_empty() || port.starts_with(':') => name,
+        Some(_) => host,
+        None => host.split_once(':').map_or(host, |(name, _)| name),
+    }
+}
+
 /// True if the name of a header `Host` is one of this machine, with any port.
 fn is_of_this_machine(host: &str) -> bool {
-    let name = match host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
-        Some((name, port)) if port.is_empty() || port.starts_with(':') => name,
-        Some(_) => return false,
-        None => host.split_once(':').map_or(host, |(name, _)| name),
-    };
+    let name = name_of(host);
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
@@ -149,7 +158,7 @@ mod tests {
         assert_eq!("http://hub:8000".parse::<Proxy>().unwrap().url, "http://hub:8000/");
         let proxied = Admission { proxy: Some(proxy), ..admission(true) };
         // Some proxies hand the name of their own over, others that of the server.
-        for host in ["hub.example", "HUB.example", "localhost:7007", "127.0.0.1:7007"] {
+        for host in ["hub.example", "HUB.example", "hub.example:443", "localhost:7007", "127.0.0.1:7007"] {
             assert_eq!(proxied.refuses(Some(host), None), None, "{host}");
             assert_eq!(proxied.refuses(Some(host), Some("https://hub.example")), None, "{host}");
             for origin in ["http://hub.example", "https://hub.example:8443", "https://evil.example", "null"] {
@@ -158,9 +167,18 @@ mod tests {
         }
         assert_eq!(proxied.refuses(Some("localhost:7007"), Some("http://localhost:7007")), None);
         assert!(proxied.refuses(Some("evil.example"), Some("https://hub.example")).is_some());
-        for wrong in
-            ["", "hub.example", "ftp://hub.example/", "https://", "https://a/?b", "https://a/#b", "https://a@b/"]
-        {
+        for wrong in [
+            "",
+            "hub.example",
+            "ftp://hub.example/",
+            "https://",
+            "https://a/?b",
+            "https://a/#b",
+            "https://a@b/",
+            "https://:443/",
+            "https://a:/",
+            "https://a/'b",
+        ] {
             assert!(wrong.parse::<Proxy>().is_err(), "{wrong}");
         }
     }

@@ -47,7 +47,8 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; \
                       frame-ancestors 'self'";
 
-/// Sites of the same machine, which may show the web page of a local server: notebooks.
+/// Sites of the same machine, which may show the web page of a local server: notebooks. Behind a proxy, they would be
+/// those of the machine of the browser.
 const LOCAL_SITES: &str = " http://localhost:* http://127.0.0.1:*";
 
 /// Most bytes of a message of a client.
@@ -176,7 +177,8 @@ async fn check(State(shared): State<Arc<Shared>>, request: Request<Body>, next: 
     if !is_upgraded {
         headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
-    let policy = if shared.admission.is_local { format!("{POLICY}{LOCAL_SITES}") } else { POLICY.to_owned() };
+    let has_local_sites = shared.admission.is_local && shared.admission.proxy.is_none();
+    let policy = if has_local_sites { format!("{POLICY}{LOCAL_SITES}") } else { POLICY.to_owned() };
     headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::try_from(policy).expect("a policy is plain text"));
     for (name, value) in [
         (header::CACHE_CONTROL, "no-store"),

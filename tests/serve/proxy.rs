@@ -45,14 +45,14 @@ fn a_notebook_shows_the_page_through_a_proxy() {
     let proxy = TcpListener::bind("127.0.0.1:0").unwrap();
     // Browsers take names below localhost for this machine; the server has no such name.
     let hub = format!("http://hub.localhost:{}", proxy.local_addr().unwrap().port());
-    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let server = Server::start_at(free, &["cactus:400", "--proxy", &format!("{hub}{FOLDER}")]);
+    let server = Server::start(&["cactus:400", "--proxy", &format!("{hub}{FOLDER}")]);
+    let port = server.port;
     let token = server.token.clone().expect("others may reach the proxy");
     let url = format!("{hub}{FOLDER}#token={token}");
     std::thread::spawn(move || {
         for browser in proxy.incoming().flatten() {
             let url = url.clone();
-            std::thread::spawn(move || _ = answer(browser, free, &url));
+            std::thread::spawn(move || _ = answer(browser, port, &url));
         }
     });
     let mut page = Browser::open(&format!("{hub}/"), [640, 540]);
@@ -60,7 +60,10 @@ fn a_notebook_shows_the_page_through_a_proxy() {
     assert!(page.screenshot("serve-proxy.png").len() > 5000);
     // The token of a reloaded page is that of its own address.
     let kept = page.value("Object.keys(frames[0].sessionStorage)");
+    assert!(kept.as_array().unwrap().contains(&format!("{FOLDER} token").into()), "{kept}");
     assert!(kept.as_array().unwrap().iter().all(|name| name.as_str().unwrap().starts_with(FOLDER)), "{kept}");
-    page.value("frames[0].location.reload()");
-    page.until("frames[0].document.body.dataset.picture === 'exact'");
+    page.value("frames[0].isOld = true; frames[0].location.reload()");
+    page.until("!frames[0].isOld && frames[0].document.body.dataset.picture === 'exact'");
+    let own = server.request("/", "Host: hub.localhost\r\n").1.to_lowercase();
+    assert!(own.contains("frame-ancestors 'self'\r\n"), "{own}");
 }

@@ -50,12 +50,17 @@ impl Server {
             command.env("TMPDIR", folder);
         }
         let mut child = command.stdout(Stdio::piped()).spawn().expect("the program starts");
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let (mut line, mut second) = (String::new(), String::new());
+        let mut lines = BufReader::new(child.stdout.take().unwrap());
+        lines.read_line(&mut line).unwrap();
+        lines.read_line(&mut second).unwrap();
         let (address, fragment) = line.trim().split_once('/').map_or(("", ""), |_| {
             let rest = line.trim().strip_prefix("http://").expect("the address of a client");
             rest.split_once('/').unwrap()
         });
+        // With a proxy, the first address is that of the proxy.
+        let own = second.trim().strip_prefix("The proxy has to hand requests over to http://");
+        let address = own.map_or(address, |own| own.trim_end_matches('/'));
         let port = address.rsplit_once(':').unwrap().1.parse().unwrap();
         Self { child, port, token: fragment.split_once("#token=").map(|(_, token)| token.to_owned()) }
     }

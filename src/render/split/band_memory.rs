@@ -6,13 +6,17 @@ use crate::gpu::{Device, Staging};
 use crate::pixels::Integers;
 use crate::render::frame_queue::{Form, HostFrame};
 
+/// The form in which bands come to the other device: the fewest bytes that a screen needs.
+pub const COLOURS: Integers = Integers::Rgb8;
+
 /// The memory for the bands that `from` draws and `to` reads. There are several, since `to` may still read one while
 /// `from` draws the next.
 pub struct BandMemories {
-    form: Integers,
     from: Device,
     to: Device,
     idle: Vec<BandMemory>,
+    /// The host copies bands, also where both devices share its memory.
+    copies: bool,
 }
 
 /// The memory for one band. It holds a whole picture, as the heights of bands change.
@@ -24,15 +28,19 @@ struct BandMemory {
 
 /// The memory for one band on the device that reads it.
 pub struct Receiver {
-    form: Integers,
     pub pixels: Staging<u32>,
     /// It is the memory into which the other device draws.
     is_shared: bool,
 }
 
 impl BandMemories {
-    pub fn new(form: Integers, from: &Device, to: &Device) -> Self {
-        Self { form, from: from.clone(), to: to.clone(), idle: Vec::new() }
+    pub fn new(from: &Device, to: &Device) -> Self {
+        Self { from: from.clone(), to: to.clone(), idle: Vec::new(), copies: false }
+    }
+
+    /// Lets the host copy bands from now on.
+    pub fn copy(&mut self) {
+        (self.copies, self.idle) = (true, Vec::new());
     }
 
     /// Memory for a band of a picture of this size: into which one device draws, and from which the other one reads.
@@ -40,7 +48,7 @@ impl BandMemories {
     /// # Errors
     /// If memory runs out.
     pub fn take(&mut self, size_px: [u32; 2]) -> Result<(HostFrame, Receiver)> {
-        let words = self.form.words(size_px);
+        let words = COLOURS.words(size_px);
         // Memory of a size that is no longer needed is freed.
         self.idle.retain(|memory| memory.receiver.pixels.len() == words);
         let memory = match self.idle.iter().position(|memory| memory.receiver.pixels.is_idle()) {
@@ -52,14 +60,15 @@ impl BandMemories {
 
     fn allocated(&self, words: usize) -> Result<BandMemory> {
         const NAME: &str = "bands";
-        let form = self.form;
-        let shared = Staging::shared(&[&self.from, &self.to], NAME, words)?;
-        let Some([drawn, pixels]) = shared.and_then(|both| <[_; 2]>::try_from(both).ok()) else {
-            let receiver = Receiver { form, pixels: Staging::new(&self.to, NAME, words)?, is_shared: false };
-            return Ok(BandMemory { host: HostFrame::default(), receiver });
+        let (from, to) = (&self.from, &self.to);
+        let shared = if self.copies { None } else { Staging::shared([from, to], NAME, words)? };
+        let is_shared = shared.is_some();
+        let [drawn, pixels] = match shared {
+            Some(both) => both,
+            None => [Staging::new(from, NAME, words)?, Staging::new(to, NAME, words)?],
         };
-        let host = HostFrame::of(Form::Integers(form), drawn);
-        Ok(BandMemory { host, receiver: Receiver { form, pixels, is_shared: true } })
+        let host = HostFrame::for_bands(Form::Integers(COLOURS), drawn);
+        Ok(BandMemory { host, receiver: Receiver { pixels, is_shared } })
     }
 
     /// Gives back the memory of a band. It is used again when no commands read it any more.
@@ -75,7 +84,7 @@ impl Receiver {
     /// If the band has no pixels in this form.
     pub fn receive(&mut self, host: &mut HostFrame) -> Result<()> {
         if !self.is_shared {
-            let bytes = host.integers(self.form).context("bands have colours")?;
+            let bytes = host.integers(COLOURS).context("bands have colours")?;
             // Not by the pool that shares work: a long job there would keep the window waiting.
             bytemuck::cast_slice_mut::<u32, u8>(self.pixels.map())[..bytes.len()].copy_from_slice(bytes);
         }

@@ -5,14 +5,13 @@ use std::time::Instant;
 use anyhow::Result;
 
 use super::balance::Balance;
-use super::band_memory::BandMemories;
+use super::band_memory::{BandMemories, COLOURS};
 use super::trial::Trial;
 use super::worker::{DrawnBand, LostDevice, Order, Worker, all_drawn, band_rows, cost_ms, draw_together};
 use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Image, Timing};
 use crate::host_memory::OutOfMemory;
 use crate::options::Options;
-use crate::pixels::Integers;
 use crate::render::band::Band;
 use crate::render::frame_queue::{Form, FrameOutputs};
 use crate::render::pack::Unpacker;
@@ -24,9 +23,6 @@ use crate::rules::Background;
 /// The GPU time of a picture from which bands are tried, in milliseconds: the pixels of bands are copied, and the
 /// frames of the first device no longer overlap.
 pub const PAYS_FROM_MS: f64 = 2.0;
-
-/// The form in which bands come to the first device: the fewest bytes that a screen needs.
-const COLOURS: Integers = Integers::Rgb8;
 
 /// The name of the time in which the first device waits for the bands of the others.
 const OTHERS: &str = "other devices";
@@ -63,7 +59,7 @@ impl OtherDevices {
     /// # Errors
     /// If the system refuses a thread, or memory runs out.
     pub fn new(device: &Device, options: &Options, renderers: Vec<(&Device, Renderer)>) -> Result<Self> {
-        let memory = |(other, _): &(&Device, Renderer)| BandMemories::new(COLOURS, other, device);
+        let memory = |(other, _): &(&Device, Renderer)| BandMemories::new(other, device);
         let memories = renderers.iter().map(memory).collect();
         let workers: Vec<_> = renderers.into_iter().map(Worker::new).collect::<Result<_>>()?;
         Ok(Self {
@@ -94,6 +90,10 @@ impl OtherDevices {
     /// Takes over the GPU time of a picture that the renderer drew alone, in milliseconds.
     pub fn learn_alone(&mut self, ms: f64) {
         self.trial.learn_alone(ms);
+    }
+
+    /// The next picture is drawn by the renderer alone.
+    pub fn forget_bands(&mut self) {
         self.last_bands.clear();
     }
 
@@ -228,7 +228,13 @@ impl OtherDevices {
         std::mem::take(&mut self.lost)
     }
 
-    /// Draws pictures in bands from another GPU time on, and from 0 on whether they are faster or not, for tests.
+    /// Copies bands by the host, also where devices share its memory, for tests.
+    #[doc(hidden)]
+    pub fn copy_bands(&mut self) {
+        self.memories.iter_mut().for_each(BandMemories::copy);
+    }
+
+    /// Draws pictures in bands from another GPU time on; with 0, all of them, whether bands are faster or not. For tests.
     #[doc(hidden)]
     pub fn pay_from(&mut self, ms: f64) {
         self.trial = Trial::new(ms);

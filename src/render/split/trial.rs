@@ -1,7 +1,10 @@
 //! The choice between pictures in bands and pictures that one device draws alone, by their times.
 
-/// Frames in bands before their times count: the first of them allocate memory and find their borders.
+/// The times of bands that are kept.
 const RECENT: usize = 4;
+
+/// Frames in bands before their times count: the first ones allocate memory and find their borders.
+const SETTLING: u32 = 4;
 
 /// Frames in bands until one is drawn alone, to see which is faster.
 const TRIED: u32 = 100;
@@ -16,15 +19,14 @@ const GAIN: f64 = 0.03;
 /// Decides for each frame of a view whether it is drawn in bands.
 #[derive(Clone, Debug)]
 pub struct Trial {
-    /// The time alone from which bands are tried, in milliseconds. From 0 on, they are drawn whether they are faster or
-    /// not.
-    pub from_ms: f64,
+    /// The time alone from which bands are tried, in milliseconds. With 0, they are always drawn.
+    from_ms: f64,
     alone_ms: f64,
     /// The times of the last frames in bands.
     recent_ms: [f64; RECENT],
     /// The time in which the first device joins bands.
     join_ms: f64,
-    /// Frames in bands since the last one alone.
+    /// Frames in bands since the last comparison.
     tried: u32,
     /// Frames that are drawn alone before the next one in bands.
     left_alone: u32,
@@ -71,11 +73,11 @@ impl Trial {
         self.join_ms = ms;
     }
 
-    /// Takes over the time of a frame in bands, until all bands were there.
+    /// Takes over the time of a frame in bands, from its begin until the first device could read all of them.
     pub fn learn_bands(&mut self, ms: f64) {
         self.recent_ms[self.tried as usize % RECENT] = ms;
         self.tried += 1;
-        let has_doubt = self.tried as usize > RECENT && !self.is_faster();
+        let has_doubt = self.tried > SETTLING && !self.is_faster();
         if self.from_ms > 0.0 && (self.tried >= TRIED || has_doubt) {
             (self.left_alone, self.is_compared, self.tried) = (1, true, 0);
         }

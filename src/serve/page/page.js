@@ -22,7 +22,7 @@ const held = new Set();
 const pending = [];
 let sending = false;
 
-// What this tab keeps. Other pages behind a proxy have the same origin, so names have the path.
+// What this tab keeps. Other pages behind a proxy have the same origin, so the path of the page is part of each name.
 const kept = {
   name: (name) => `${location.pathname} ${name}`,
   get: (name) => sessionStorage.getItem(kept.name(name)),
@@ -79,8 +79,8 @@ function size() {
 }
 
 function connect() {
-  // Below the address of the page: a proxy may hand it over from a folder of its own.
-  const url = new URL('socket', location.origin + location.pathname);
+  // Below the path of the page, which a proxy may have moved.
+  const url = new URL('socket', location.href);
   url.protocol = url.protocol.replace('http', 'ws');
   socket = new WebSocket(url);
   socket.binaryType = 'arraybuffer';

@@ -217,7 +217,10 @@ impl Screen {
         for RecordedPicture { side, generation, path, recorded, is_shared } in pictures {
             let own = recorded.take_timings(&mut left);
             let outermost = own.iter().filter(|timing| timing.depth == 0);
-            let gpu_ms = outermost.map(|timing| timing.duration_ms).sum();
+            let gpu_ms = match is_shared {
+                true => recorded.own_ms(&own),
+                false => outermost.map(|timing| timing.duration_ms).sum(),
+            };
             timings.extend(own);
             // Counts of a picture that was replaced meanwhile are dropped.
             if let Some((_, drawn)) = pair.drawn().find(|(s, drawn)| (*s, drawn.generation) == (side, generation)) {

@@ -411,7 +411,10 @@ impl Drawn {
                 self.is_rounded = !devices.last_bands().is_empty();
                 recorded
             }
-            None => self.renderer.record(cmd, camera, background)?,
+            None => {
+                self.sharing.iter_mut().for_each(|sharing| sharing.devices.forget_bands());
+                self.renderer.record(cmd, camera, background)?
+            }
         };
         Ok((recorded, self.is_rounded))
     }
