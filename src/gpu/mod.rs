@@ -25,8 +25,8 @@
 //! 6. *Plain data.* Only `bytemuck::Pod` types cross between host and device.
 //!
 //! Public functions are safe under these clauses, with two preconditions that types do not express:
-//! [`Commands::dispatch_indirect`] needs workgroup counts that a shader of this crate wrote, and commands of two devices
-//! must not use memory of [`Staging::shared`] at the same time.
+//! [`Commands::dispatch_indirect`] needs workgroup counts that a shader of this crate wrote, and commands of two
+//! devices must not use memory of [`Staging::shared`] at the same time.
 
 mod buffer;
 mod capabilities;

@@ -14,8 +14,8 @@ use super::staging::Staging;
 use crate::host_memory::OutOfMemory;
 
 impl<T: Element> Staging<T> {
-    /// The same memory on two devices. It cannot be mapped. Commands of both must not use it at the same time. `None` if
-    /// a device shares no memory of the host, or none where a limit of its own memory would count it.
+    /// The same memory on two devices. It cannot be mapped. Commands of both must not use it at the same time. `None`
+    /// if a device shares no memory of the host, or if that would count towards a limit of the device's memory.
     ///
     /// # Errors
     /// If memory of the host runs out, or a device is lost.

@@ -125,5 +125,5 @@ pub use shaders::Splat;
 pub use shaders::Totals;
 pub use slabs::SlabReport;
 #[doc(hidden)]
-pub use split::{Balance, DeviceBand, DrawnBand, LostDevice, OtherDevices, PAYS_FROM_MS, SplitFrame, SplitRenderer};
+pub use split::{Balance, DeviceBand, DrawnBand, LostDevice, OtherDevices, SplitFrame, SplitRenderer};
 pub use streaming::Residency;

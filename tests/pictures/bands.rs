@@ -260,7 +260,7 @@ fn bands_of_other_devices_are_joined_to_the_picture_of_one() {
             let whole = own.render(&camera, BACKGROUND).unwrap();
             let expected = own.pixels().unwrap();
             helping.learn_alone(1e6);
-            helping.pay_from(0.0);
+            helping.always_draw_bands();
             assert!(helping.are_used(&camera) == (left > 1), "{name}, round {round}");
             let losses = usize::from(left > 1 && round > 0 && size[0] == 100);
             if losses > 0 {

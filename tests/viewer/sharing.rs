@@ -12,7 +12,7 @@ use crate::common::{Gpu, open as open_device};
 /// Draws the next frames in bands, if they can be, whatever their time is; returns the number of bands.
 fn bands(offscreen: &mut Offscreen) -> usize {
     let first = offscreen.session.pair.first.as_mut().unwrap();
-    first.sharing.iter_mut().for_each(|sharing| sharing.devices.pay_from(0.0));
+    first.sharing.iter_mut().for_each(|sharing| sharing.devices.always_draw_bands());
     offscreen.viewer().pictures.are_stale = true;
     offscreen.settle().unwrap();
     let first = offscreen.session.pair.first.as_ref().unwrap();

@@ -15,6 +15,6 @@ mod trial;
 mod worker;
 
 pub use balance::Balance;
-pub use other_devices::{DeviceBand, OtherDevices, PAYS_FROM_MS};
+pub use other_devices::{DeviceBand, OtherDevices};
 pub use renderer::{SplitFrame, SplitRenderer};
 pub use worker::{DrawnBand, LostDevice};

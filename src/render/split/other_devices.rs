@@ -20,10 +20,6 @@ use crate::render::renderer::Renderer;
 use crate::render::slabs::SlabbedFrame;
 use crate::rules::Background;
 
-/// The GPU time of a picture from which bands are tried, in milliseconds: the pixels of bands are copied, and the
-/// frames of the first device no longer overlap.
-pub const PAYS_FROM_MS: f64 = 2.0;
-
 /// The name of the time in which the first device waits for the bands of the others.
 const OTHERS: &str = "other devices";
 
@@ -72,7 +68,7 @@ impl OtherDevices {
             band_image: Image::new(device, "band", 1, 1)?,
             lost: Vec::new(),
             last_bands: Vec::new(),
-            trial: Trial::new(PAYS_FROM_MS),
+            trial: Trial::default(),
         })
     }
 
@@ -81,7 +77,7 @@ impl OtherDevices {
     /// on the portable path would change by rounding.
     pub fn are_used(&self, camera: &Camera) -> bool {
         !self.workers.is_empty()
-            && self.trial.is_on()
+            && self.trial.is_on(camera.size_px)
             && !Renderer::is_along_rays(&self.options, camera)
             && !Band::is_needed(camera.size_px)
             && Renderer::whole_because(&self.options, camera).is_none()
@@ -234,10 +230,10 @@ impl OtherDevices {
         self.memories.iter_mut().for_each(BandMemories::copy);
     }
 
-    /// Draws pictures in bands from another GPU time on; with 0, all of them, whether bands are faster or not. For tests.
+    /// Draws all pictures in bands that can be, whether bands are faster or not, for tests.
     #[doc(hidden)]
-    pub fn pay_from(&mut self, ms: f64) {
-        self.trial = Trial::new(ms);
+    pub fn always_draw_bands(&mut self) {
+        self.trial.is_forced = true;
     }
 
     /// Loses a device in the next frame, for tests.

@@ -6,7 +6,7 @@ use indicatif::HumanCount;
 use super::theme::stage_colour;
 use crate::gpu::MemoryUse;
 use crate::measure::bench::{Clocks, Statistics};
-use crate::render::{DeviceBand, PAYS_FROM_MS, SlabReport};
+use crate::render::{DeviceBand, SlabReport};
 use crate::viewer::model::{Digest, Pair, Sharing, Viewer};
 
 /// Frames in the plot.
@@ -76,10 +76,10 @@ pub(super) fn show(viewer: &mut Viewer, pair: &Pair, ui: &mut Ui) {
 fn devices(sharing: &Sharing, ui: &mut Ui) {
     let bands = sharing.devices.last_bands();
     if bands.is_empty() {
-        ui.label("one device draws").on_hover_text(format!(
-            "Bands on several devices are tried from {PAYS_FROM_MS} ms of GPU time on, and kept where they are faster. \
-             They are of pictures in colours, without edits, at full scale and not along rays"
-        ));
+        ui.label("one device draws").on_hover_text(
+            "Bands on several devices are tried where pictures take long, and kept where they are faster. They are of \
+             pictures in colours, without edits, at full scale and not along rays",
+        );
     }
     for DeviceBand { device, band, ms } in bands {
         ui.label(format!("rows {} to {}: {device}, {ms:.3} ms", band.top, band.top + band.rows - 1));
