@@ -1,7 +1,7 @@
 //! The choice between pictures in bands and pictures that one device draws alone, by their times.
 
-/// The GPU time of a frame alone from which bands are tried, in milliseconds, and what each million of pixels adds, whose
-/// colours are copied twice. Measured on two H200 (docs/films.md).
+/// The GPU time of a frame alone from which bands are tried, in milliseconds, and what each million of pixels adds, as
+/// their colours are copied. Measured on two H200 (docs/films.md).
 const FROM_MS: f64 = 1.0;
 const FROM_MS_PER_MEGAPIXEL: f64 = 0.5;
 
