@@ -178,8 +178,9 @@ impl Storage {
     /// A type of memory for the buffer, one of those whose bits are set, with these properties.
     pub(super) fn memory_type(&self, among: u32, properties: vk::MemoryPropertyFlags) -> Option<u32> {
         let device = &self.device;
-        // SAFETY: clause 1, for both calls.
+        // SAFETY: clause 1.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(self.raw) };
+        // SAFETY: clause 1.
         let heaps = unsafe { device.instance.raw.get_physical_device_memory_properties(device.capabilities.raw) };
         let fits = |kind: &u32| {
             let flags = heaps.memory_types[*kind as usize].property_flags;

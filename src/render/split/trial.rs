@@ -9,16 +9,17 @@ const FROM_MS_PER_MEGAPIXEL: f64 = 0.5;
 const RECENT: usize = 4;
 
 /// Frames in bands, and their milliseconds, before their times count: the first ones allocate memory and find their
-/// borders, and a GPU that was idle takes 0.1 s until its clocks are high.
+/// borders, and a GPU that was idle takes a while until its clocks are high: longer than 0.15 s in half of the runs on
+/// two H200.
 const SETTLING: u32 = 8;
-const SETTLING_MS: f64 = 150.0;
+const SETTLING_MS: f64 = 600.0;
 
 /// Frames in bands until one is drawn alone, to see which is faster.
 const TRIED: u32 = 100;
 
 /// Frames that are drawn alone after bands were not faster: at first, and at most. Their number doubles each time.
-const FIRST_PAUSE: u32 = 200;
-const LONGEST_PAUSE: u32 = 3200;
+const FIRST_PAUSE: u32 = 400;
+const LONGEST_PAUSE: u32 = 6400;
 
 /// The part of the time of a frame that bands must save at least.
 const GAIN: f64 = 0.03;
@@ -144,9 +145,9 @@ mod tests {
         for together in [9.6, 12.0] {
             let mut trial = Trial::default();
             let bands = in_bands(&mut trial, 10_000, |_| [10.0, together]);
-            assert!((50..=150).contains(&bands), "{bands} frames in bands");
+            assert!((200..=400).contains(&bands), "{bands} frames in bands");
             // They are used again where they become faster.
-            assert!(in_bands(&mut trial, 5000, |_| [10.0, 5.0]) >= 1700);
+            assert!(in_bands(&mut trial, 8000, |_| [10.0, 5.0]) >= 1500);
         }
     }
 
@@ -166,7 +167,7 @@ mod tests {
         // A view that becomes costly is tried, and one whose bands become slow is drawn alone.
         let mut trial = Trial::default();
         assert!(in_bands(&mut trial, 100, |frame| [if frame < 50 { 1.0 } else { 9.0 }, 5.0]) >= 48);
-        assert!(in_bands(&mut trial, 100, |_| [9.0, 20.0]) <= 10);
+        assert!(in_bands(&mut trial, 100, |_| [9.0, 20.0]) <= 25);
         // The clocks of the other device become high.
         let mut trial = Trial::default();
         assert!(in_bands(&mut trial, 100, |frame| [9.0, if frame < 7 { 20.0 } else { 5.0 }]) >= 98);
