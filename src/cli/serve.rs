@@ -50,8 +50,8 @@ pub(super) struct Args {
     token: bool,
     /// Address of the web page in browsers that reach it through a proxy
     ///
-    /// Like https://hub.example/user/ann/proxy/7007/ with jupyter-server-proxy of a JupyterHub. The address is printed
-    /// with a token, which is always asked for, since others may reach the proxy, too.
+    /// Like `https://hub.example/user/ann/proxy/7007/` with jupyter-server-proxy of a JupyterHub. The address is
+    /// printed with a token, which is always asked for, since others may reach the proxy, too.
     #[arg(long, help_heading = SERVER, value_name = "URL")]
     proxy: Option<Proxy>,
     /// Folder whose scenes, cameras and pictures browsers may open
