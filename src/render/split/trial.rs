@@ -2,8 +2,8 @@
 
 /// The GPU time of a frame alone from which bands are tried, in milliseconds, and what each million of pixels adds, as
 /// their colours are copied. Measured on two H200 (docs/films.md).
-const FROM_MS: f64 = 1.0;
-const FROM_MS_PER_MEGAPIXEL: f64 = 0.5;
+const FROM_MS: f64 = 0.9;
+const FROM_MS_PER_MEGAPIXEL: f64 = 0.65;
 
 /// The times of bands that are kept.
 const RECENT: usize = 4;
@@ -184,7 +184,7 @@ mod tests {
         let mut trial = Trial::default();
         trial.learn_alone(3.0);
         assert!(trial.is_on(SIZE) && !trial.is_on([3840, 2160]));
-        trial.learn_alone(6.0);
+        trial.learn_alone(7.0);
         assert!(trial.is_on([3840, 2160]));
     }
 }
