@@ -20,7 +20,7 @@ pub struct Checkpoint {
     /// The output, and its metadata if there is one already.
     output: PathBuf,
     old: Option<fs::Metadata>,
-    _lock: File,
+    lock: File,
 }
 
 /// The file that marks a folder of unfinished work.
@@ -58,7 +58,7 @@ impl Checkpoint {
             }
             let lock_of = File::open(&folder).map_err(|error| described(&error))?;
             lock(&lock_of)?;
-            Ok(Self { folder, state, output: path, old, _lock: lock_of })
+            Ok(Self { folder, state, output: path, old, lock: lock_of })
         };
         opened().map_err(|problem| problem.context(cannot_write(output)))
     }
@@ -159,5 +159,7 @@ impl Drop for Checkpoint {
             // If this fails, the next run removes the folder.
             _ = fs::remove_dir_all(&self.folder);
         }
+        // A program that another thread starts in this moment holds a copy of the file until it has begun.
+        _ = self.lock.unlock();
     }
 }
