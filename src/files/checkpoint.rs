@@ -163,3 +163,22 @@ impl Drop for Checkpoint {
         _ = self.lock.unlock();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A started program holds copies of all files until it has begun.
+    #[test]
+    fn unfinished_work_is_free_although_its_lock_has_a_copy() {
+        let folder = tempfile::tempdir().unwrap();
+        let output = folder.path().join("a.smalto");
+        let checkpoint = Checkpoint::beside(&output, "state").unwrap();
+        assert!(Checkpoint::beside(&output, "state").is_err());
+        checkpoint.save("state", b"1").unwrap();
+        let copy = checkpoint.lock.try_clone().unwrap();
+        drop(checkpoint);
+        assert_eq!(Checkpoint::beside(&output, "state").unwrap().read("state").unwrap(), b"1");
+        drop(copy);
+    }
+}
