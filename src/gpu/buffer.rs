@@ -175,16 +175,14 @@ impl Storage {
         })
     }
 
-    /// A type of memory for the buffer, one of those whose bits are set, with these properties.
+    /// A type of memory with these properties, one of those whose bits are set.
     pub(super) fn memory_type(&self, among: u32, properties: vk::MemoryPropertyFlags) -> Option<u32> {
         let device = &self.device;
-        // SAFETY: clause 1.
-        let requirements = unsafe { device.raw.get_buffer_memory_requirements(self.raw) };
         // SAFETY: clause 1.
         let heaps = unsafe { device.instance.raw.get_physical_device_memory_properties(device.capabilities.raw) };
         let fits = |kind: &u32| {
             let flags = heaps.memory_types[*kind as usize].property_flags;
-            among & requirements.memory_type_bits & (1 << kind) != 0 && flags.contains(properties)
+            among & (1 << kind) != 0 && flags.contains(properties)
         };
         (0..heaps.memory_type_count).find(fits)
     }

@@ -60,7 +60,7 @@ impl Storage {
         let mut storage = Self::unbound(device, name, &info)?;
         // SAFETY: clause 1.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(storage.raw) };
-        let kind = storage.memory_type(u32::MAX, vk::MemoryPropertyFlags::DEVICE_LOCAL);
+        let kind = storage.memory_type(requirements.memory_type_bits, vk::MemoryPropertyFlags::DEVICE_LOCAL);
         let kind = kind.context("no device memory can be exported")?;
         let mut dedicated = vk::MemoryDedicatedAllocateInfo::default().buffer(storage.raw);
         let mut export = vk::ExportMemoryAllocateInfo::default().handle_types(EXPORT_HANDLE);

@@ -11,7 +11,7 @@ use super::device::{Device, Shared};
 use super::element::Element;
 use super::error::{DeviceLost, describe};
 use super::staging::Staging;
-use crate::host_memory::OutOfMemory;
+use crate::host_memory::host_vec;
 
 impl<T: Element> Staging<T> {
     /// The same memory on two devices. It cannot be mapped. Commands of both must not use it at the same time. `None`
@@ -28,12 +28,7 @@ impl<T: Element> Staging<T> {
             return Ok(None);
         }
         let blocks = (len.max(1) * size_of::<T>()).div_ceil(HOST_BLOCK);
-        let mut memory = Vec::new();
-        memory.try_reserve_exact(blocks).map_err(|error| OutOfMemory {
-            name: name.to_owned(),
-            bytes: Some((blocks * HOST_BLOCK) as u64),
-            reason: error.to_string(),
-        })?;
+        let mut memory = host_vec(blocks, name)?;
         memory.resize(blocks, HostBlock([0; HOST_BLOCK]));
         let memory = Arc::new(memory);
         let of = |device: &Device| -> Result<Self> {
@@ -55,6 +50,8 @@ impl Storage {
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(HOST_HANDLE);
         let info = vk::BufferCreateInfo::default().size(bytes).usage(STAGING_USAGE).push_next(&mut external);
         let mut storage = Self::unbound(device, name, &info)?;
+        // SAFETY: clause 1.
+        let requirements = unsafe { device.raw.get_buffer_memory_requirements(storage.raw) };
         let api = ext::external_memory_host::Device::new(&device.instance.raw, &device.raw);
         let pointer = host.as_ptr().cast_mut().cast();
         let mut found = vk::MemoryHostPointerPropertiesEXT::default();
@@ -63,10 +60,8 @@ impl Storage {
             .result()
             .map_err(|error| describe("vkGetMemoryHostPointerPropertiesEXT", error))?;
         let kind = storage
-            .memory_type(found.memory_type_bits, vk::MemoryPropertyFlags::HOST_COHERENT)
+            .memory_type(requirements.memory_type_bits & found.memory_type_bits, vk::MemoryPropertyFlags::HOST_COHERENT)
             .with_context(|| format!("{} shares no memory of the host", device.capabilities.name))?;
-        // SAFETY: clause 1.
-        let requirements = unsafe { device.raw.get_buffer_memory_requirements(storage.raw) };
         ensure!(requirements.size <= bytes, "{} needs more memory for a buffer than the buffer has", storage.name);
         let mut import = vk::ImportMemoryHostPointerInfoEXT::default().handle_type(HOST_HANDLE).host_pointer(pointer);
         let info =

@@ -17,15 +17,15 @@ const SETTLING_MS: f64 = 600.0;
 /// Frames in bands until one is drawn alone, to see which is faster.
 const TRIED: u32 = 100;
 
-/// Frames that are drawn alone after bands were not faster: at first, and at most. Their number doubles each time.
-const FIRST_PAUSE: u32 = 400;
-const LONGEST_PAUSE: u32 = 6400;
+/// Frames that are drawn alone after bands were not faster. Their number doubles each time, so many times at most.
+const PAUSE: u32 = 400;
+const DOUBLINGS: u32 = 4;
 
 /// The part of the time of a frame that bands must save at least.
 const GAIN: f64 = 0.03;
 
 /// Decides for each frame of a view whether it is drawn in bands.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Trial {
     /// All frames are drawn in bands.
     pub is_forced: bool,
@@ -42,24 +42,8 @@ pub struct Trial {
     left_alone: u32,
     /// The next frame alone is compared with those in bands.
     is_compared: bool,
-    /// Frames that are drawn alone if bands are not faster.
-    pause: u32,
-}
-
-impl Default for Trial {
-    fn default() -> Self {
-        Self {
-            is_forced: false,
-            alone_ms: 0.0,
-            recent_ms: [0.0; RECENT],
-            join_ms: 0.0,
-            tried: 0,
-            settled_ms: 0.0,
-            left_alone: 0,
-            is_compared: false,
-            pause: FIRST_PAUSE,
-        }
-    }
+    /// Comparisons since bands were faster.
+    failed: u32,
 }
 
 impl Trial {
@@ -76,12 +60,11 @@ impl Trial {
         self.left_alone = self.left_alone.saturating_sub(1);
         if self.is_compared && self.left_alone == 0 {
             self.is_compared = false;
-            (self.left_alone, self.pause) = match self.is_faster() {
-                true => (0, FIRST_PAUSE),
-                false => (self.pause, LONGEST_PAUSE.min(2 * self.pause)),
-            };
-            if self.left_alone > 0 {
-                self.settled_ms = 0.0;
+            if self.is_faster() {
+                self.failed = 0;
+            } else {
+                (self.left_alone, self.settled_ms) = (PAUSE << self.failed.min(DOUBLINGS), 0.0);
+                self.failed += 1;
             }
         }
     }
