@@ -15,6 +15,7 @@ void main() {
     Bin bin = bins[number];
     if (!begin_block(number, block)) return;
     for (uint k = 0; k < PIXELS; k++) begin_pixel(k, is_inside(k) ? 1.0 : 0.0);
-    blend_entries(bin, block);
+    uint stop_key = blend_entries(bin, block);
+    if (HAS_STOP_KEYS && subgroupElect()) stop_keys[number * BLOCKS + block] = stop_key;
     for (uint k = 0; k < PIXELS; k++) show(k, colour[k], final_transmittance(k));
 }

@@ -23,6 +23,11 @@ layout(binding = 4, scalar) readonly buffer Masks { uint masks[]; };            
 layout(binding = 5, rgba32f) IMAGE_ACCESS uniform image2D image;
 #ifdef RAYS
 layout(binding = 6, scalar) readonly buffer Rays { vec3 rays[]; };                          // [pixels] 0 if none
+const bool HAS_STOP_KEYS = false;
+#else
+layout(constant_id = 15) const bool HAS_STOP_KEYS = false;
+layout(binding = 7, scalar) readonly buffer DepthKeys { uint depth_keys[]; };               // [visible_capacity]
+layout(binding = 8, scalar) writeonly buffer StopKeys { uint stop_keys[]; };                // [bins * BLOCKS]
 #endif
 layout(push_constant, scalar) uniform Push {
     uvec2 size_px;
@@ -63,6 +68,7 @@ uvec2 pixel;             // px of the image, the first pixel of the lane
 // times T is exp2(exponent) times `live`.
 float live[PIXELS], limit[PIXELS], last[PIXELS];
 vec3 colour[PIXELS];
+uint stopped_at;  // with HAS_STOP_KEYS: the staged splat at which the last pixel of this lane stopped
 
 // A pixel whose transmittance is below this takes no more splats.
 float last_transmittance() {
@@ -110,6 +116,7 @@ void blend_staged(uint first, uint behind, uint form) {
                     float left = last[k] = before[k];
                     [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                         float after = fma(-UNIT, weights[j][k], left);
+                        if (HAS_STOP_KEYS && left >= limit[k]) stopped_at = i + j;
                         bool added = left >= limit[k] && after >= UNIT * TRANSMITTANCE_MIN;
                         weights[j][k] = added ? weights[j][k] : 0.0;
                         last[k] = added ? after : last[k];
@@ -128,8 +135,11 @@ void blend_staged(uint first, uint behind, uint form) {
     }
 }
 
-// Blends the entries that reach the block, until all pixels have stopped.
-void blend_entries(Bin bin, uint block) {
+// Blends the entries that reach the block, until all pixels have stopped. With HAS_STOP_KEYS, returns the depth key of
+// the splat at which the last of them stopped, or NOT_STOPPED. Before: a pixel has not stopped.
+uint blend_entries(Bin bin, uint block) {
+    bool is_open = true;
+    stopped_at = 0;
     Walk walk = begin_walk(bin, block);
     // Splats are loaded one batch ahead and their ids two, so that the loads run while a batch is blended.
     uint entry;
@@ -138,8 +148,11 @@ void blend_entries(Bin bin, uint block) {
     Record record = NO_RECORD;
     if (gl_SubgroupInvocationID < count) record = load_record(splat);
     uint count_ahead = take(walk, bin, block, entry);
+    uint staged, next = splat;  // with HAS_STOP_KEYS: the splats that are blended, and those after them
     if (gl_SubgroupInvocationID < count_ahead) splat = splat_ids[bin.first + entry];
     while (count > 0) {
+        staged = next;
+        next = splat;
         subgroupBarrier();
         uint form = stage(record, gl_SubgroupInvocationID < count);
         subgroupBarrier();
@@ -155,8 +168,13 @@ void blend_entries(Bin bin, uint block) {
         }
         bool goes_on = false;
         for (uint k = 0; k < PIXELS; k++) goes_on = goes_on || live[k] > 0.0;
-        if (!subgroupAny(goes_on)) break;
+        is_open = subgroupAny(goes_on);
+        if (!is_open) break;
     }
+#ifndef RAYS
+    if (HAS_STOP_KEYS && !is_open) return depth_keys[subgroupShuffle(staged, subgroupMax(stopped_at) % SUBGROUP)];
+#endif
+    return NOT_STOPPED;
 }
 
 float final_transmittance(uint k) {

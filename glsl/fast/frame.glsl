@@ -5,6 +5,7 @@
 const uint BIN_COLUMNS = 8, BIN_ROWS = 4;  // blocks in a bin
 const uint BLOCKS = 32;          // blocks in a bin, numbered row by row
 const uint BLOCK_WIDTH = 8;      // px; blocks are 4, 8 or 16 px high
+const uint NOT_STOPPED = 4294967295;  // in place of a depth key: a pixel of the block has not stopped
 const uint MAX_BINS = 7200;      // bins in a picture at most: their counts fit into 32 KiB of workgroup memory
 const uint PROJECT_CHUNK = 384;  // Gaussians that one workgroup of project takes
 const uint BIN_CHUNKS = 264;     // fewest chunks of the splats; each is listed by one workgroup of list

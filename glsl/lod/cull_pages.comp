@@ -1,18 +1,20 @@
 #version 460
 #include "shared/workgroup.glsl"
-#include "shared/frame.glsl"
+#include "fast/frame.glsl"
 #include "pages/page.glsl"
 #include "lod/selection.glsl"
 // One invocation per page and placed view of its scene: tests whether the page may have splats in the image, counts its
 // samples in the image, and computes the width of a pixel at its group.
-// Before: the draw list has the views, the state is 0. After: `in_view` has the pages in view, in any order: sums are
-// of whole numbers, and splats are sorted.
+// Before: the draw list has the views, the state is 0; `stop_depths` are those of a picture by `stop_views`, if that is
+// known. After: `in_view` has the pages in view, in any order: sums are of whole numbers, and splats are sorted.
 
 layout(binding = 0, scalar) readonly buffer Boxes { PageBox boxes[]; };                     // [pages]
 layout(binding = 1, scalar) readonly buffer Errors { PageErrors errors[]; };                // [pages]
 layout(binding = 2, scalar) readonly buffer DrawList { uvec4 draw_list[]; };                // [VIEW_ELEMENTS * views]
 layout(binding = 3, scalar) writeonly buffer InView { uvec4 in_view[]; };                   // [capacity]
 layout(binding = 4, scalar) buffer State { SelectionState state; };
+layout(binding = 5, scalar) readonly buffer StopDepths { float stop_depths[]; };            // [bins * (BLOCKS + 1)]
+layout(binding = 6, scalar) readonly buffer StopViews { uvec4 stop_views[]; };              // [VIEW_ELEMENTS * views]
 layout(push_constant, scalar) uniform Push {
     vec2 focal_px;
     vec2 centre_px;
@@ -22,9 +24,12 @@ layout(push_constant, scalar) uniform Push {
     uint pages;
     uint views;  // the most of a page
     uint capacity;  // of `in_view`
+    Occlusion occlusion;
 } push;
 
 PlacedView view;
+
+#include "lod/hidden.glsl"
 
 // A point in the axes of the view. `precise`: every device rounds alike all values on which the limit depends.
 vec3 to_view(vec3 point) {
@@ -37,7 +42,8 @@ vec3 to_view(vec3 point) {
 }
 
 // The squared factor of an error limit for the nodes of a page: the width of a pixel at the nearest point of their
-// group's box, and more where pixels are wider than the reference width, since errors decrease there.
+// group's box, and more where pixels are wider than the reference width, since errors decrease there, or where the
+// group is hidden.
 float width_squared(uint page) {
     PageBox box = boxes[page];
     precise vec3 below = (box.lod_low - view.position_high) - view.position_low;
@@ -46,7 +52,8 @@ float width_squared(uint page) {
     precise float distance = max((d.x * d.x + d.y * d.y) + d.z * d.z, view.near * view.near);
     precise float px = distance * push.per_focal_squared;
     precise float width = px * max(px * box.per_width_squared, 1.0);
-    return width;
+    precise float of_hidden = width * push.occlusion.factor_squared;
+    return push.occlusion.factor_squared > 1.0 && is_hidden(box) ? of_hidden : width;
 }
 
 // The number of samples of a page in the image.
@@ -99,9 +106,8 @@ void main() {
     PageBox box = boxes[page];
     if (placement >= uint(box.views)) return;
     uint number_of_view = uint(box.first_view) + placement, first = number_of_view * VIEW_ELEMENTS;
-    view = placed_view_of(uintBitsToFloat(draw_list[first]), uintBitsToFloat(draw_list[first + 1]),
-        uintBitsToFloat(draw_list[first + 2]), uintBitsToFloat(draw_list[first + 3]),
-        uintBitsToFloat(draw_list[first + 4]));
+    view = VIEW_FROM(draw_list, first);
+    if (push.occlusion.factor_squared > 1.0) stop_view = VIEW_FROM(stop_views, first);
     bool is_drawn;
     if (!may_be_seen(box, is_drawn)) return;
     uint parent = errors[page].parent;

@@ -48,6 +48,15 @@ struct SelectionState {
     uint sums[ROUNDS * CANDIDATES * SEARCHES * 2];
 };
 
+// What a selection knows of the groups that are hidden behind what a picture of the same size shows: the stop depths of
+// its blocks and bins.
+struct Occlusion {
+    float factor_squared;  // of the error limits of hidden groups; 1: nothing is known
+    uint is_of_this_camera;  // 0: the camera has moved since
+    uint block_height;  // px
+    uvec2 bins;
+};
+
 // A page in view, packed in one element of the list `in_view`.
 struct PageInView {
     uint page;

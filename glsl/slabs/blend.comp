@@ -39,11 +39,15 @@ void main() {
     if (!begin_block(number, block)) return;
     Bin bin = bins[number];
     for (uint k = 0; k < PIXELS; k++) go_on(k);
+    bool is_open = false;
+    for (uint k = 0; k < PIXELS; k++) is_open = is_open || is_inside(k) && limit[k] >= 0.0;
+    if (!subgroupAny(is_open)) return;
     if (bin.count > 0) {
-        blend_entries(bin, block);
+        uint stop_key = blend_entries(bin, block);
+        if (HAS_STOP_KEYS && stop_key != NOT_STOPPED && subgroupElect()) stop_keys[number * BLOCKS + block] = stop_key;
         for (uint k = 0; k < PIXELS; k++) keep(k);
     }
-    bool is_open = false;
+    is_open = false;
     for (uint k = 0; k < PIXELS; k++) is_open = is_open || is_inside(k) && limit[k] >= 0.0;
     if (subgroupAny(is_open) && subgroupElect()) {
         atomicOr(open_bins[number / 32], 1u << number % 32);  // sets bits: order does not matter

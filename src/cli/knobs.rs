@@ -67,8 +67,18 @@ impl clap::FromArgMatches for RuleKnobs {
 }
 
 /// Knobs that the short help leaves out.
-const RARE: [&str; 9] =
-    ["response", "order", "extent", "alpha-min", "key-bits", "sh-storage", "shape-storage", "lod-error", "lod-fade"];
+const RARE: [&str; 10] = [
+    "response",
+    "order",
+    "extent",
+    "alpha-min",
+    "key-bits",
+    "sh-storage",
+    "shape-storage",
+    "lod-error",
+    "lod-fade",
+    "lod-occlusion",
+];
 
 fn flag(knob: &'static Knob) -> Arg {
     let parse = move |text: &str| knob.parse(text);

@@ -179,6 +179,8 @@ const WINDOW: &str = "Window";
 
 /// The fading of levels of detail where it is not given, powers of two of an error.
 const FADE: f32 = 0.5;
+/// The powers of two by which hidden nodes are coarser.
+const OCCLUSION: f32 = 2.0;
 
 fn compare_modes() -> impl TypedValueParser<Value = CompareMode> {
     let values = [
@@ -284,12 +286,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
     })
 }
 
-/// The options of a viewer, in which levels of detail fade.
+/// The options of a viewer, in which levels of detail fade and what is hidden is coarser.
 pub(super) fn options(preset: Option<&str>, knobs: &Knobs) -> Options {
     let preset = preset.and_then(Options::preset).unwrap_or_default();
     let mut options = knobs.options(&preset, false, f32::INFINITY);
     if !knobs.has("lod-fade") {
         options.lod_fade = FADE;
+    }
+    if !knobs.has("lod-occlusion") {
+        options.lod_occlusion = OCCLUSION;
     }
     options
 }

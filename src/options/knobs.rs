@@ -77,7 +77,7 @@ pub struct Knob {
 }
 
 /// Every knob. A new one costs a field of [`Options`] and an entry here.
-pub static KNOBS: [Knob; 17] = [
+pub static KNOBS: [Knob; 18] = [
     Knob {
         name: "near",
         value_name: "DISTANCE",
@@ -297,6 +297,20 @@ pub static KNOBS: [Knob; 17] = [
         effect: |value, _| if value == Value::Number(0.0) { Effect::None } else { Effect::Changed },
         get: |options| options.lod_fade.value(),
         set: |options, value| options.lod_fade = Setting::of(value),
+    },
+    Knob {
+        name: "lod-occlusion",
+        value_name: "OCTAVES",
+        help: "Draw what is hidden coarser, by this many powers of two\n\nThe error limit of groups of nodes behind what \
+               is seen is raised. `view` knows what is hidden from the frame before, `render` and `bench` draw each \
+               view twice for it. On the fast path [default: 0, not; of view: 2].",
+        group: Group::Accuracy,
+        kind: Kind::Number { range: [0.0, 16.0], usual: [0.0, 8.0], is_fraction: false },
+        steps: &[Value::Number(0.0)],
+        is_searched: false,
+        effect: |value, _| if value == Value::Number(0.0) { Effect::None } else { Effect::Changed },
+        get: |options| options.lod_occlusion.value(),
+        set: |options, value| options.lod_occlusion = Setting::of(value),
     },
     Knob {
         name: "portable",

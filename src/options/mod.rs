@@ -71,6 +71,9 @@ pub struct Options {
     /// both drawn in part. 0: no cross-fade.
     #[serde(default)]
     pub lod_fade: f32,
+    /// Powers of two by which the error limit of hidden groups of nodes is raised. 0: none is known to be hidden.
+    #[serde(default)]
+    pub lod_occlusion: f32,
     /// Uses only features that every device has.
     pub portable: bool,
 }
@@ -89,6 +92,7 @@ impl Options {
         lod_psnr: 0.0,
         splats: 0,
         lod_fade: 0.0,
+        lod_occlusion: 0.0,
         portable: false,
     };
     /// Visually equal: a PSNR to the reference of at least 60 dB, no 8-bit value more than 3 steps away.
@@ -137,9 +141,14 @@ impl Options {
         self.lod_error > 0.0 || self.lod_psnr > 0.0 || self.splats > 0
     }
 
+    /// True if what is hidden is drawn coarser.
+    pub fn simplifies_hidden(&self) -> bool {
+        self.lod_occlusion > 0.0 && self.wants_levels()
+    }
+
     /// The same options without simplification: pictures have the bits of the scene.
     pub fn finest(&self) -> Self {
-        Self { lod_error: f32::MIN_POSITIVE, lod_psnr: 0.0, splats: 0, lod_fade: 0.0, ..*self }
+        Self { lod_error: f32::MIN_POSITIVE, lod_psnr: 0.0, splats: 0, lod_fade: 0.0, lod_occlusion: 0.0, ..*self }
     }
 
     /// The reason why pictures drawn with these options have no certificate; `None` if they have one.

@@ -37,6 +37,7 @@ pub(super) fn shared(options: &Options, layout: &Layout, subgroup: u32) -> Share
         stop: layout.stop(options),
         compact: layout.is_compact(options),
         has_levels: options.wants_levels(),
+        has_stop_keys: options.simplifies_hidden(),
         fade: fade_codes(options),
         subgroup,
         ballot_words: subgroup.div_ceil(32),

@@ -49,6 +49,8 @@ pub struct Recorded {
     pub(super) limits: Limits,
     /// The PSNR by which its levels were chosen, if they were.
     pub(super) sampled: Option<SampledPsnr>,
+    /// GPU time of the picture that was drawn before it to find what is hidden, ms.
+    pub(super) first_picture_ms: f64,
 }
 
 /// The counts of a recorded frame.
@@ -87,28 +89,44 @@ impl Recorded {
     }
 
     /// Takes the timings of the frame from the front of those of its commands, which may hold more frames: up to the
-    /// scope of the frame, and of its packing. Those of its slabs, which had commands of their own, are added.
+    /// scope of the frame, and of its packing. Those of its slabs and of the picture before it, which had commands of
+    /// their own, are added.
     pub fn take_timings(&self, of_commands: &mut &[Timing]) -> Vec<Timing> {
         let is_frame = |timing: &Timing| timing.depth == 0 && timing.name == FRAME;
         let end = of_commands.iter().position(is_frame).map_or(of_commands.len(), |frame| frame + 1);
         let packed = of_commands[end..].iter().take_while(|timing| timing.name == "pack").count();
         let (own, rest) = of_commands.split_at(end + packed);
         *of_commands = rest;
-        let Counted::Slabbed(drawn) = &self.counted else { return own.to_vec() };
-        let mut all: Vec<Timing> = drawn.timings.iter().chain(own).cloned().collect();
-        let slabs: f64 = drawn.timings.iter().map(|stage| stage.duration_ms).sum();
-        all.iter_mut().filter(|timing| is_frame(timing)).for_each(|frame| frame.duration_ms += slabs);
+        let first = (self.first_picture_ms > 0.0).then_some(Timing {
+            name: "first picture",
+            depth: 1,
+            start_ms: 0.0,
+            duration_ms: self.first_picture_ms,
+        });
+        let mut all: Vec<Timing> = first.into_iter().chain(self.slabs().iter().chain(own).cloned()).collect();
+        let elsewhere = self.elsewhere_ms();
+        all.iter_mut().filter(|timing| is_frame(timing)).for_each(|frame| frame.duration_ms += elsewhere);
         all
+    }
+
+    /// The timings of the stages of its slabs, or of its bands.
+    fn slabs(&self) -> &[Timing] {
+        match &self.counted {
+            Counted::Slabbed(drawn) => &drawn.timings,
+            Counted::Whole(_) | Counted::Paged(..) => &[],
+        }
+    }
+
+    /// The GPU time of other commands than the frame's own, ms.
+    fn elsewhere_ms(&self) -> f64 {
+        self.first_picture_ms + self.slabs().iter().map(|stage| stage.duration_ms).sum::<f64>()
     }
 
     /// The GPU time of the frame's own commands in milliseconds, without that of slabs or bands, which had others. The
     /// timings are those of [`Recorded::take_timings`].
     pub fn own_ms(&self, timings: &[Timing]) -> f64 {
         let all: f64 = timings.iter().filter(|timing| timing.depth == 0).map(|timing| timing.duration_ms).sum();
-        match &self.counted {
-            Counted::Slabbed(drawn) => all - drawn.timings.iter().map(|stage| stage.duration_ms).sum::<f64>(),
-            Counted::Whole(_) | Counted::Paged(..) => all,
-        }
+        all - self.elsewhere_ms()
     }
 }
 
@@ -119,7 +137,13 @@ mod tests {
 
     fn recorded(counted: SlabbedFrame) -> Recorded {
         let limits = Limits { path: Path::Fast, in_slabs: true, capacity: Capacity::default(), longest_list: 0 };
-        Recorded { number: 0, counted: Counted::Slabbed(Box::new(counted)), limits, sampled: None }
+        Recorded {
+            number: 0,
+            counted: Counted::Slabbed(Box::new(counted)),
+            limits,
+            sampled: None,
+            first_picture_ms: 0.0,
+        }
     }
 
     /// Two pictures of one submission: each takes its own times, and a frame's hold those of its slabs once.

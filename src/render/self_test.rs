@@ -123,7 +123,7 @@ fn draw(paths: &mut PathChoice, device: &Device, shot: Shot, path: Path) -> Resu
         }
         let mut cmd = Commands::new(device)?;
         let target = Target { image: &image, certificate: None, background: Background::BLACK };
-        paths.record(&mut cmd, shot, target, limits, None)?;
+        paths.record(device, &mut cmd, shot, target, limits, None)?;
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let totals = cmd.read(paths.totals(limits.path))?;
         let results = cmd.submit()?.wait()?;

@@ -412,6 +412,8 @@ impl FastPipeline {
             splats: &work.splats,
             masks: &work.masks,
             image: target.image,
+            depth_keys: &work.depth_keys,
+            stop_keys: &work.stop_keys,
         };
         let push = BlendPush {
             size_px: target.image.size(),

@@ -6,7 +6,7 @@ use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::render::capacity::{Capacity, length};
 use crate::render::fast::BinGrid;
-use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MANY_SPLATS, MAX_BIN_CHUNKS, MERGE_RUNS};
+use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, BLOCKS, MANY_SPLATS, MAX_BIN_CHUNKS, MERGE_RUNS};
 use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
 
 /// The buffers of one frame of the fast path, whose cells are bins.
@@ -20,6 +20,8 @@ pub struct FastWorkspace {
     /// [`FastPipeline::splat_elements`](super::FastPipeline::splat_elements) elements each.
     pub splats: Buffer<[u32; 4]>,
     pub depth_keys: Buffer<u32>,
+    /// For every block: the depth key at which its last pixel stopped, if levels depend on it.
+    pub stop_keys: Buffer<u32>,
     pub span_ranges: Buffer<[u32; 2]>,
     pub spans: Buffer<u32>,
     pub listed_in_bins: Buffer<u32>,
@@ -84,6 +86,7 @@ impl FastWorkspace {
             gaussian_from_splat: words("gaussian from splat", visible)?,
             splats: Buffer::new(device, "splats", visible * splat_elements)?,
             depth_keys: words("depth keys", visible)?,
+            stop_keys: words("stop keys", BLOCKS as usize * capacity.cells)?,
             span_ranges: Buffer::new(device, "span ranges", visible)?,
             spans: words("spans", spans)?,
             listed_in_bins: words("listed in bins", capacity.cells)?,
@@ -170,6 +173,7 @@ impl FastWorkspace {
         let words = [
             &self.gaussian_from_splat,
             &self.depth_keys,
+            &self.stop_keys,
             &self.spans,
             &self.listed_in_bins,
             &self.list_starts,

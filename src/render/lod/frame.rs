@@ -36,7 +36,8 @@ impl PagedFrame {
         &self,
         cmd: &mut Commands,
         frame: &FastFrame,
-        selector: &LodSelector,
+        device: &Device,
+        selector: &mut LodSelector,
     ) -> Result<Readback<SelectionState>> {
         let FastFrame { work, options, shot, target, grid, .. } = *frame;
         let scene = shot.scene;
@@ -50,6 +51,7 @@ impl PagedFrame {
             self.project.record(cmd, frame, &draw_list, count, whole);
         });
         frame.pipeline.record_projected(cmd, work, grid, target);
+        selector.occlusion.record(device, cmd, frame)?;
         selector.read(cmd)
     }
 }

@@ -9,6 +9,7 @@ use std::ops::Range;
 
 use anyhow::Result;
 
+use super::occlusion::Occlusion;
 use super::tables::{STEPS, errors_of_pages, page_box, steps};
 use super::target::{LodReport, LodTarget};
 use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, InFlight, Readback, Results, Stage, Staging};
@@ -44,6 +45,8 @@ pub struct LodSelector {
     fallback_limits: Buffer<u32>,
     /// Missing pages of the last selection, with their priorities and error limits.
     requests: Buffer<[u32; 2]>,
+    /// What is hidden.
+    pub occlusion: Occlusion,
     /// Parameters of the next selection.
     pub params: SelectionParams,
     has_levels: bool,
@@ -105,6 +108,7 @@ impl LodSelector {
             state: Buffer::new(device, "state of the cut", 1)?,
             fallback_limits: Buffer::new(device, "fallback limits of pages", count)?,
             requests: Buffer::new(device, "page requests", 1)?,
+            occlusion: Occlusion::new(device, scene)?,
             params: SelectionParams::default(),
             has_levels: pages.levels().is_some(),
         };
@@ -131,7 +135,7 @@ impl LodSelector {
     }
 
     /// Every buffer's name and bytes.
-    pub fn buffers(&self) -> [(&str, u64); 9] {
+    pub fn buffers(&self) -> [(&str, u64); 11] {
         let Self { boxes, errors, steps, in_view, draw_list, page_numbers, state, fallback_limits, requests, .. } =
             self;
         [
@@ -144,6 +148,8 @@ impl LodSelector {
             state.footprint(),
             fallback_limits.footprint(),
             requests.footprint(),
+            self.occlusion.depths.footprint(),
+            self.occlusion.views.footprint(),
         ]
     }
 
@@ -225,7 +231,7 @@ impl LodSelector {
         cmd.fill(&self.state, 0);
         cmd.upload(&self.draw_list, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        cmd.scope("look", |cmd| self.cull_pages(cmd, shot));
+        cmd.scope("look", |cmd| self.cull_pages(cmd, shot, options));
         let target = if self.has_levels { LodTarget::of(options) } else { LodTarget::default() };
         let pixels = camera.size_px.iter().product();
         if target.searches != 0 {
@@ -245,13 +251,15 @@ impl LodSelector {
     }
 
     /// Lists the pages in view.
-    fn cull_pages(&self, cmd: &mut Commands, Shot { scene, camera, band, .. }: Shot) {
+    fn cull_pages(&self, cmd: &mut Commands, Shot { scene, camera, band, .. }: Shot, options: &Options) {
         let bindings = CullPagesBindings {
             boxes: &self.boxes,
             errors: &self.errors,
             draw_list: &self.draw_list,
             in_view: &self.in_view,
             state: &self.state,
+            stop_depths: &self.occlusion.depths,
+            stop_views: &self.occlusion.views,
         };
         let focal = camera.focal_px.max_element();
         let most_views = scene.views_of_scenes().iter().map(ExactSizeIterator::len).max().unwrap_or(0);
@@ -264,6 +272,7 @@ impl LodSelector {
             pages: self.boxes.len() as u32,
             views: most_views as u32,
             capacity: self.in_view.len() as u32,
+            occlusion: self.occlusion.words(camera, options),
         };
         let pairs = self.boxes.len() as u64 * most_views as u64;
         cmd.dispatch(&self.cull_pages, bindings, push, DispatchSize::Invocations(pairs));

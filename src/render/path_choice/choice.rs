@@ -16,7 +16,7 @@ use crate::render::fast::FastPipeline;
 use crate::render::fast_rays::FastRaysPipeline;
 use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::{Attribute, Inspector, Listed};
-use crate::render::lod::{LodSelector, load_missing};
+use crate::render::lod::{LodSelector, Occlusion, load_missing};
 use crate::render::path::{Limits, Path, PathPair};
 use crate::render::portable::PortablePipeline;
 use crate::render::recorded::PagedCounts;
@@ -331,7 +331,8 @@ impl PathChoice {
     /// # Errors
     /// If memory runs out.
     pub fn record(
-        &self,
+        &mut self,
+        device: &Device,
         cmd: &mut Commands,
         shot: Shot,
         target: Target,
@@ -350,11 +351,11 @@ impl PathChoice {
             self.portable.record(cmd, shot, target, inspector);
             return Ok(None);
         };
-        let Some(selector) = self.selector.as_ref().filter(|_| shot.scene.is_paged()) else {
+        let Some(selector) = self.selector.as_mut().filter(|_| shot.scene.is_paged()) else {
             fast.pipeline.record(cmd, shot, &fast.work, target);
             return Ok(None);
         };
-        let state = fast.record_paged(cmd, shot, target, &self.options, selector)?;
+        let state = fast.record_paged(cmd, shot, target, &self.options, device, selector)?;
         let read = |streamer: &PageStreamer| streamer.record_requests(cmd, selector, shot.scene, &self.options);
         Ok(Some(PagedCounts { state, requests: self.streamer.as_ref().map(read).transpose()? }))
     }
@@ -439,6 +440,11 @@ impl PathChoice {
             fast.needs_slabs = !load_missing(device, selector, scene, state)?;
         }
         Ok(state.missing == 0)
+    }
+
+    /// What is hidden in pictures of a scene in pages on the fast path.
+    pub fn occlusion(&mut self) -> Option<&mut Occlusion> {
+        self.selector.as_mut().filter(|_| self.fast.is_some()).map(|selector| &mut selector.occlusion)
     }
 
     /// True if a path still holds the lists of tiles of a frame of these limits.

@@ -99,10 +99,11 @@ impl FastEngine {
         shot: Shot,
         target: Target,
         options: &Options,
-        selector: &LodSelector,
+        device: &Device,
+        selector: &mut LodSelector,
     ) -> Result<Readback<SelectionState>> {
         let paged = self.paged.as_ref().expect("a frame of a scene in pages was prepared");
-        paged.record(cmd, &FastFrame::new(&self.pipeline, &self.work, options, shot, target), selector)
+        paged.record(cmd, &FastFrame::new(&self.pipeline, &self.work, options, shot, target), device, selector)
     }
 
     /// Enlarges the buffers to the demand of a frame that counted `totals`, or leaves the next frame to slabs.

@@ -29,6 +29,8 @@ impl Renderer {
     pub fn whole_because(options: &Options, camera: &Camera) -> Option<&'static str> {
         if options.scale != 1.0 {
             Some("pictures that are drawn smaller and then enlarged are drawn as a whole")
+        } else if options.simplifies_hidden() {
+            Some("pictures whose hidden parts are drawn coarser are drawn as a whole")
         } else if Self::is_along_rays(options, camera) && Band::is_needed(camera.size_px) {
             // The path rays is faster from end to end: the tables of bands take longer on the host than they save.
             Some("pictures along rays of more than 29 megapixels are drawn as a whole")
@@ -79,6 +81,7 @@ impl Renderer {
         cmd.scope(FRAME, |cmd| cmd.scope("join", |cmd| copies(cmd, &self.image)));
         cmd.barrier(Access::SHADER_WRITE, Access::SHADER_READ | Access::COPY_READ);
         let number = self.last.as_ref().map_or(0, |last| last.number);
-        Ok(Recorded { number, counted: Counted::Slabbed(Box::new(joined)), limits: self.drawn, sampled: None })
+        let counted = Counted::Slabbed(Box::new(joined));
+        Ok(Recorded { number, counted, limits: self.drawn, sampled: None, first_picture_ms: 0.0 })
     }
 }

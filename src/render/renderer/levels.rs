@@ -5,7 +5,7 @@ use anyhow::Result;
 use super::Renderer;
 use crate::camera::Camera;
 use crate::options::Options;
-use crate::render::lod::SampledPsnr;
+use crate::render::lod::{Occlusion, SampledPsnr};
 use crate::render::sample::{FIRST_LIMIT, LevelSampler, PATCHES, PsnrMeasurement};
 use crate::rules::Background;
 
@@ -83,6 +83,27 @@ impl Renderer {
         Ok(Some(psnr).filter(|_| self.options.splats == 0))
     }
 
+    /// Draws a picture to find what is hidden in it, if the options ask for that and frames wait for their pages.
+    /// Returns its GPU time, ms. With `is_again`, nothing is drawn if it is known for this view.
+    pub(super) fn find_hidden(&mut self, camera: &Camera, background: Background, is_again: bool) -> Result<f64> {
+        let options = self.choice.options;
+        if !options.simplifies_hidden() || self.choice.streamer.is_some() || self.finds_hidden {
+            return Ok(0.0);
+        }
+        let drawn = camera.sampled(options.drawn_size(camera.size_px));
+        let Some(occlusion) = self.choice.occlusion() else { return Ok(0.0) };
+        if is_again && occlusion.is_of(&drawn, &options) {
+            return Ok(0.0);
+        }
+        occlusion.forget(false);
+        self.finds_hidden = true;
+        let first = self.render(camera, background);
+        self.finds_hidden = false;
+        let first = first?;
+        self.choice.occlusion().into_iter().for_each(Occlusion::fix);
+        Ok(first.gpu_ms())
+    }
+
     /// Estimates the PSNR of the picture of a camera against the picture of all Gaussians, from about this number of
     /// patches. The picture is that of the levels that a frame draws which waits for its pages.
     ///
@@ -116,6 +137,7 @@ impl Renderer {
     ) -> Result<PsnrMeasurement> {
         self.refused(camera, None).map_or(Ok(()), Err)?;
         self.keep_psnr(camera, background)?;
+        self.find_hidden(camera, background, true)?;
         Ok(PsnrMeasurement::new(&self.scene, &self.choice.options, (camera, background), patches))
     }
 
@@ -132,7 +154,10 @@ impl Renderer {
     /// As [`Renderer::sample_psnr`].
     #[doc(hidden)]
     pub fn go_on_measuring(&mut self, measurement: &mut PsnrMeasurement, strata: usize) -> Result<Option<SampledPsnr>> {
-        self.sampler()?.go_on(measurement, strata)
+        self.sampler()?;
+        let (Some(sampler), occlusion) = (&mut self.sampler, self.choice.occlusion()) else { unreachable!() };
+        sampler.set_hidden(occlusion.as_deref());
+        sampler.go_on(measurement, strata)
     }
 
     /// Frees the lists of patches where memory is limited: the lists of pictures take it.

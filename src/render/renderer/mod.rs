@@ -65,6 +65,8 @@ pub struct Renderer {
     is_finest: bool,
     /// The levels of frames follow a predicted PSNR, since they do not wait for pages or measurements.
     follows_prediction: bool,
+    /// True while a picture is drawn to find what is hidden.
+    finds_hidden: bool,
     sampler: Option<LevelSampler>,
     /// The error limits that were searched: pictures may be repeated.
     searched: Vec<Searched>,
@@ -149,6 +151,7 @@ impl Renderer {
             band: None,
             is_finest: false,
             follows_prediction: false,
+            finds_hidden: false,
             sampler: None,
             searched: Vec::new(),
             last: None,
@@ -357,6 +360,8 @@ impl Renderer {
         let shown = inspector.or(self.inspector.as_ref());
         self.refused(camera, shown.map(|inspector| &inspector.inspection)).map_or(Ok(()), Err)?;
         let camera = along_rays.as_ref().unwrap_or(camera);
+        // Another picture of a view shows the same levels.
+        let is_again = inspector.is_some();
         if let Some(shown) = shown.filter(|_| camera.lens.is_some()) {
             shown.prepare_rays(&self.device, &self.options, self.scene.layout())?;
         }
@@ -367,6 +372,7 @@ impl Renderer {
         let unit = if self.band.is_some() { self.band_rows(camera) } else { 1 };
         ensure!(band.is_of(camera.size_px, unit), "a picture of {:?} has no {band:?}", camera.size_px);
         let sampled = self.keep_psnr(camera, background)?;
+        let first_picture_ms = self.find_hidden(camera, background, is_again)?;
         match self.fit_images(camera.size_px, band) {
             Err(error) if error.is::<OutOfMemory>() => {
                 // Images precede lists, which slabs can divide.
@@ -399,7 +405,7 @@ impl Renderer {
         };
         let paged = cmd.scope(FRAME, |cmd| {
             let paged = match drawn {
-                None => self.choice.record(cmd, shot, target, self.drawn, inspector)?,
+                None => self.choice.record(&self.device, cmd, shot, target, self.drawn, inspector)?,
                 Some(_) => None,
             };
             if let Some(upscaler) = &self.upscaler {
@@ -419,7 +425,7 @@ impl Renderer {
                 }
             }
         };
-        Ok(Recorded { number, counted, limits: self.drawn, sampled })
+        Ok(Recorded { number, counted, limits: self.drawn, sampled, first_picture_ms })
     }
 
     /// The reason why pictures of a camera cannot show the scene, or an inspection of it; `None` if they can.

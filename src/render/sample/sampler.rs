@@ -10,7 +10,7 @@ use crate::gpu::{Access, Commands, Device, Image};
 use crate::options::Options;
 use crate::render::band::{BAND_ROWS, Band};
 use crate::render::frame::{Shot, Target, Variation};
-use crate::render::lod::SampledPsnr;
+use crate::render::lod::{Occlusion, SampledPsnr};
 use crate::render::patches::Patches;
 use crate::render::path::Path;
 use crate::render::path_choice::PathChoice;
@@ -73,6 +73,15 @@ impl LevelSampler {
         })
     }
 
+    /// Takes what is hidden in the pictures that are measured; `None`: nothing is known.
+    pub fn set_hidden(&mut self, known: Option<&Occlusion>) {
+        match (self.choice.occlusion(), known) {
+            (Some(occlusion), Some(known)) => occlusion.take(known),
+            (Some(occlusion), None) => occlusion.forget(true),
+            (None, _) => {}
+        }
+    }
+
     /// Draws the next strata of a sample with all Gaussians and by the levels of its options, which differ from those
     /// of the sampler in nothing else. Returns the estimate after the last one.
     ///
@@ -105,6 +114,7 @@ impl LevelSampler {
         mut patches: u32,
     ) -> Result<(f32, SampledPsnr)> {
         let camera = drawn_camera(&self.options, camera);
+        self.set_hidden(None);
         let touched = touched_patches(&self.scene, &camera, &self.options);
         let mut first = FIRST_LIMIT;
         loop {

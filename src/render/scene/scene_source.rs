@@ -135,7 +135,7 @@ impl SceneSource {
         let options = Options { rules, ..*options };
         match self.has_levels() {
             true => options,
-            false => Options { lod_error: 0.0, lod_psnr: 0.0, splats: 0, lod_fade: 0.0, ..options },
+            false => Options { lod_error: 0.0, lod_psnr: 0.0, splats: 0, lod_fade: 0.0, lod_occlusion: 0.0, ..options },
         }
     }
 

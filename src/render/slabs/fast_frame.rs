@@ -17,7 +17,7 @@ use crate::render::lod::LodSelector;
 use crate::render::pages::{DrawList, PageCount, PageProjection, first_page, number_of_pages, views_of};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::Totals;
-use crate::render::shaders::fast::{BIN_SEGMENT, MAX_BIN_CHUNKS};
+use crate::render::shaders::fast::{BIN_SEGMENT, MAX_BIN_CHUNKS, NOT_STOPPED};
 
 /// The stages and buffers that draw frames of the fast path in slabs.
 pub struct FastSlabs {
@@ -77,7 +77,8 @@ impl FastSlabs {
         let end = position_of(keys.limit()) + position_of(1);
         let cells =
             CellGrid { cell_px: grid.bin_px(), cells: grid.bins, top_px: grid.top_px, keys, largest_key: keys.limit() };
-        let selection = selector.map(|selector| selector.select(device, shot, options)).transpose()?;
+        let mut selector = selector;
+        let selection = selector.as_mut().map(|selector| selector.select(device, shot, options)).transpose()?;
         let mut input = SlabInput::of(shot, options, cells, selection.as_ref());
         let mut progress =
             FrameProgress::begin(&mut input, end, scene.placed_len(), self.buffers.target, selection.as_ref());
@@ -90,6 +91,7 @@ impl FastSlabs {
         // A frame that failed may have left counts behind.
         cmd.fill(&work.counters, 0);
         cmd.fill(&work.listed_in_bins, 0);
+        cmd.fill(&work.stop_keys, NOT_STOPPED);
         cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image, grid, &self.open_bins.0[0]));
         let _begun = cmd.submit()?;
         let mut before = 0;
@@ -125,6 +127,7 @@ impl FastSlabs {
         }
         let mut cmd = Commands::new(device)?;
         cmd.scope("finish", |cmd| self.stages.finish(cmd, target));
+        selector.map_or(Ok(()), |selector| selector.occlusion.record(device, &mut cmd, frame))?;
         let results = cmd.submit()?.wait()?;
         progress.add_timings(results.timings());
         let (drawn, next_target) = progress.end(&input);

@@ -108,6 +108,8 @@ impl FastStages {
             masks: &work.masks,
             image,
             open_bins,
+            depth_keys: &work.depth_keys,
+            stop_keys: &work.stop_keys,
         };
         // The background is added at the end.
         let background = Background::Transparent.colour();

@@ -155,11 +155,11 @@ impl Viewer {
     /// The options of a preset for the open scenes. Antialiasing is that of the scene, and so is the near plane where
     /// it must be nearer; how much of levels of detail is drawn is no part of a preset.
     pub fn preset(&self, preset: &Options) -> Options {
-        let Options { lod_error, lod_psnr, splats, lod_fade, .. } = self.options;
+        let Options { lod_error, lod_psnr, splats, lod_fade, lod_occlusion, .. } = self.options;
         let nearest = self.view.near_limit.unwrap_or(f32::INFINITY);
         let near = if self.setup.near_is_explicit { self.options.rules.near } else { preset.rules.near.min(nearest) };
         let rules = Rules { near, antialiased: self.options.rules.antialiased, ..preset.rules };
-        Options { rules, lod_error, lod_psnr, splats, lod_fade, ..*preset }
+        Options { rules, lod_error, lod_psnr, splats, lod_fade, lod_occlusion, ..*preset }
     }
 
     /// The view of the picture that is seen: the current view, unless it has moved since the last drawing.

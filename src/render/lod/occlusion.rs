@@ -1,0 +1,125 @@
+//! Occlusion: the stop depths of a picture. Groups of nodes behind them are hidden, and drawn coarser
+//! (`glsl/lod/hidden.glsl`).
+//!
+//! A frame that waits for its pages draws its view twice, at first as if nothing were known, so that it depends on the
+//! view alone. A streamed frame takes the stop depths of the frame before it.
+
+use anyhow::Result;
+
+use crate::camera::Camera;
+use crate::gpu::{Access, Buffer, Commands, Device, DispatchSize, Stage};
+use crate::options::Options;
+use crate::render::fast::{BinGrid, FastFrame};
+use crate::render::frame::Shot;
+use crate::render::pages::{Element, views_of};
+use crate::render::scene::GpuScene;
+use crate::render::shaders;
+use crate::render::shaders::fast::BLOCKS;
+use crate::render::shaders::lod::{StopDepths, StopDepthsBindings, StopDepthsPush};
+use crate::render::shaders::pages::VIEW_ELEMENTS;
+
+/// What is hidden in a view: the stop depths of a picture, which selections read.
+pub struct Occlusion {
+    /// Made for the first picture.
+    stage: Option<Stage<StopDepths>>,
+    /// Of every block of the picture, then of every bin.
+    pub(super) depths: Buffer<f32>,
+    /// The views of its camera.
+    pub(super) views: Buffer<Element>,
+    picture: Option<DrawnPicture>,
+    /// Frames do not replace the stop depths.
+    is_fixed: bool,
+}
+
+/// The picture whose stop depths are known.
+#[derive(Clone)]
+struct DrawnPicture {
+    camera: Camera,
+    options: Options,
+    grid: BinGrid,
+}
+
+impl Occlusion {
+    /// # Errors
+    /// If memory runs out.
+    pub fn new(device: &Device, scene: &GpuScene) -> Result<Self> {
+        let views = VIEW_ELEMENTS as usize * scene.transforms().len();
+        Ok(Self {
+            stage: None,
+            depths: Buffer::new(device, "stop depths", 1)?,
+            views: Buffer::new(device, "views of stop depths", views)?,
+            picture: None,
+            is_fixed: false,
+        })
+    }
+
+    /// Forgets what is hidden. The next frame on the fast path measures it, unless `is_fixed`.
+    pub fn forget(&mut self, is_fixed: bool) {
+        (self.picture, self.is_fixed) = (None, is_fixed);
+    }
+
+    /// Keeps what is hidden for the next frames.
+    pub fn fix(&mut self) {
+        self.is_fixed = true;
+    }
+
+    /// Takes what another selection of the scene knows, and keeps it.
+    pub fn take(&mut self, other: &Self) {
+        (self.depths, self.views) = (other.depths.clone(), other.views.clone());
+        (self.picture, self.is_fixed) = (other.picture.clone(), true);
+    }
+
+    /// True if it is kept, and from the picture of this camera by these options.
+    pub fn is_of(&self, camera: &Camera, options: &Options) -> bool {
+        self.is_fixed && self.picture.as_ref().is_some_and(|p| p.camera == *camera && p.options == *options)
+    }
+
+    /// What a selection for a picture knows.
+    pub(super) fn words(&self, camera: &Camera, options: &Options) -> shaders::Occlusion {
+        let Some(picture) = self.picture.as_ref().filter(|picture| picture.camera.size_px == camera.size_px) else {
+            return shaders::Occlusion { factor_squared: 1.0, is_of_this_camera: 0, block_height: 0, bins: [0; 2] };
+        };
+        shaders::Occlusion {
+            factor_squared: (2.0 * options.lod_occlusion).exp2(),
+            is_of_this_camera: (picture.camera == *camera).into(),
+            block_height: picture.grid.block_height,
+            bins: picture.grid.bins,
+        }
+    }
+
+    /// Records the stop depths of a frame behind its blend, if its options ask for them and they are not kept.
+    ///
+    /// # Errors
+    /// If memory runs out, or the pipeline cannot be made.
+    pub fn record(&mut self, device: &Device, cmd: &mut Commands, frame: &FastFrame) -> Result<()> {
+        let FastFrame { work, options, shot: Shot { scene, camera, .. }, grid, .. } = *frame;
+        if self.is_fixed || !options.simplifies_hidden() {
+            return Ok(());
+        }
+        let length = (grid.count() * (BLOCKS + 1)) as usize;
+        if self.depths.len() != length {
+            self.depths = Buffer::new(device, "stop depths", length)?;
+        }
+        let stage = match &mut self.stage {
+            Some(stage) => stage,
+            none => none.insert(Stage::new(device, &())?),
+        };
+        let views = views_of(scene, camera, &options.rules);
+        // The selection of this frame reads the former ones.
+        cmd.barrier(Access::SHADER, Access::SHADER | Access::COPY_WRITE);
+        cmd.upload(&self.views, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
+        let bindings = StopDepthsBindings { stop_keys: &work.stop_keys, stop_depths: &self.depths };
+        let push = StopDepthsPush {
+            size_px: camera.size_px,
+            bins: grid.bins,
+            block_height: grid.block_height,
+            depth_shift: frame.depth_keys().shift,
+            near: options.rules.near,
+        };
+        let groups = DispatchSize::Groups(grid.count().into());
+        cmd.scope("occlusion", |cmd| cmd.dispatch(stage, bindings, push, groups));
+        cmd.barrier(Access::SHADER_WRITE | Access::COPY_WRITE, Access::SHADER_READ);
+        self.picture = Some(DrawnPicture { camera: camera.clone(), options: *options, grid });
+        Ok(())
+    }
+}
