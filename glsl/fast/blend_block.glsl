@@ -68,7 +68,7 @@ uvec2 pixel;             // px of the image, the first pixel of the lane
 // times T is exp2(exponent) times `live`.
 float live[PIXELS], limit[PIXELS], last[PIXELS];
 vec3 colour[PIXELS];
-uint stopped_at;  // with HAS_STOP_KEYS: the staged splat at which the last pixel of this lane stopped
+uint stopped_at;  // with HAS_STOP_KEYS: the staged splat of a batch at which a pixel of this lane stopped last
 
 // A pixel whose transmittance is below this takes no more splats.
 float last_transmittance() {
@@ -139,7 +139,6 @@ void blend_staged(uint first, uint behind, uint form) {
 // the splat at which the last of them stopped, or NOT_STOPPED. Before: a pixel has not stopped.
 uint blend_entries(Bin bin, uint block) {
     bool is_open = true;
-    stopped_at = 0;
     Walk walk = begin_walk(bin, block);
     // Splats are loaded one batch ahead and their ids two, so that the loads run while a batch is blended.
     uint entry;
@@ -153,6 +152,7 @@ uint blend_entries(Bin bin, uint block) {
     while (count > 0) {
         staged = next;
         next = splat;
+        stopped_at = 0;
         subgroupBarrier();
         uint form = stage(record, gl_SubgroupInvocationID < count);
         subgroupBarrier();

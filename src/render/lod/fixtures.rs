@@ -7,6 +7,7 @@ use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
 use crate::pagefile::PageFile;
 use crate::pagefile::write::{Job, Settings, write_whole};
+use crate::pixels::Pixels;
 use crate::procedural::cactus;
 use crate::render::scene::{GpuScene, SceneSource, Upload};
 use crate::scene::{Gaussians, Random, Scene, SceneInstances, Transform, sh_coefficients};
@@ -82,4 +83,17 @@ pub(crate) fn opened_scene(device: &Device, file: &Arc<PageFile>, places: &[Tran
     let instances = (!places.is_empty()).then(|| SceneInstances::new(places.to_vec()).unwrap());
     let source = SceneSource { instances, ..SceneSource::of_file(file.clone()) };
     source.upload_with(device, options, Upload::reserving(1 << 20)).unwrap()
+}
+
+/// The number of pixels that differ in a bit.
+pub(crate) fn differing(a: &Pixels, b: &Pixels) -> usize {
+    a.rgba.iter().zip(&b.rgba).filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count()
+}
+
+/// The PSNR of the colours of a picture, dB.
+pub(crate) fn psnr(a: &Pixels, b: &Pixels) -> f64 {
+    let colours = |pixels: &Pixels| -> Vec<f32> { pixels.rgba.iter().flat_map(|p| [p[0], p[1], p[2]]).collect() };
+    let (a, b) = (colours(a), colours(b));
+    let squares: f64 = a.iter().zip(&b).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+    -10.0 * (squares / a.len() as f64).log10()
 }

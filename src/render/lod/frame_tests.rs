@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::fixtures::{cactus_of_degree_4, open, with_levels};
+use super::fixtures::{cactus_of_degree_4, differing, open, psnr, with_levels};
 use super::target::LodReport;
 use crate::camera::Camera;
 use crate::gpu::Device;
@@ -41,17 +41,6 @@ fn draw(device: &Device, source: &SceneSource, options: &Options, camera: &Camer
 
 fn source(file: &Arc<PageFile>) -> SceneSource {
     SceneSource::of_file(file.clone())
-}
-
-fn differing(a: &Pixels, b: &Pixels) -> usize {
-    a.rgba.iter().zip(&b.rgba).filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits)).count()
-}
-
-fn psnr(a: &Pixels, b: &Pixels) -> f64 {
-    let colours = |pixels: &Pixels| -> Vec<f32> { pixels.rgba.iter().flat_map(|p| [p[0], p[1], p[2]]).collect() };
-    let (a, b) = (colours(a), colours(b));
-    let squares: f64 = a.iter().zip(&b).map(|(a, b)| f64::from(a - b).powi(2)).sum();
-    -10.0 * (squares / a.len() as f64).log10()
 }
 
 #[test]

@@ -22,6 +22,8 @@ pub(crate) mod fixtures;
 #[cfg(test)]
 mod frame_tests;
 #[cfg(test)]
+mod occlusion_tests;
+#[cfg(test)]
 mod selection_tests;
 
 pub(crate) use frame::{PagedFrame, load_missing};

@@ -122,4 +122,24 @@ impl Occlusion {
         self.picture = Some(DrawnPicture { camera: camera.clone(), options: *options, grid });
         Ok(())
     }
+
+    /// Takes these stop depths of a picture.
+    #[cfg(test)]
+    pub fn set(
+        &mut self,
+        device: &Device,
+        Shot { scene, camera, .. }: Shot,
+        options: &Options,
+        grid: BinGrid,
+        depths: &[f32],
+    ) -> Result<()> {
+        let views = views_of(scene, camera, &options.rules);
+        self.depths = Buffer::new(device, "stop depths", depths.len())?;
+        let mut cmd = Commands::new(device)?;
+        cmd.upload(&self.depths, 0, depths.len(), |memory| memory.copy_from_slice(depths))?;
+        cmd.upload(&self.views, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
+        cmd.submit()?.wait()?;
+        self.picture = Some(DrawnPicture { camera: camera.clone(), options: *options, grid });
+        Ok(())
+    }
 }

@@ -1,5 +1,7 @@
 //! The selection of pages against its twin in plain Rust, and properties of its cuts.
 
+use std::ops::RangeInclusive;
+
 use super::fixtures::{open, opened_scene, with_levels};
 use super::selection::LodSelector;
 use super::tables::{errors_of_pages, page_box, steps};
@@ -10,9 +12,11 @@ use crate::options::Options;
 use crate::pagefile::write::Settings;
 use crate::pagefile::{LEVEL_WORDS, PAGE, PARTS, Pages};
 use crate::procedural::cactus;
+use crate::render::fast::BinGrid;
 use crate::render::frame::{DepthKeys, Shot};
 use crate::render::pages::{Element, PageCuller, PlacedCamera, views_of};
 use crate::render::scene::GpuScene;
+use crate::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BLOCK_WIDTH, BLOCKS};
 use crate::render::shaders::lod::*;
 use crate::render::shaders::pages::VIEW_ELEMENTS;
 use crate::render::shaders::{PageBox, PageErrors};
@@ -32,6 +36,69 @@ struct Twin {
     per_focal_squared: f32,
     /// Codes above a limit over which nodes cross-fade.
     fade: u32,
+    known: Option<TwinOcclusion>,
+}
+
+/// What is hidden, in plain Rust.
+struct TwinOcclusion {
+    factor_squared: f32,
+    is_of_this_camera: bool,
+    view: [f32; 20],
+    grid: BinGrid,
+    depths: Vec<f32>,
+}
+
+impl TwinOcclusion {
+    /// True if a box lies behind the stop depths.
+    fn hides(&self, twin: &Twin, low: [f32; 3], high: [f32; 3]) -> bool {
+        let vector = |number: usize| -> [f32; 3] { std::array::from_fn(|axis| self.view[3 * number + axis]) };
+        let [position_high, position_low] = [vector(4), vector(5)];
+        let seen = |corner: [f32; 3]| std::array::from_fn(|i| (corner[i] - position_high[i]) - position_low[i]);
+        let (low, high): ([f32; 3], [f32; 3]) = (seen(low), seen(high));
+        let [x, y, z] = [0, 1, 2].map(|number| {
+            let axis = vector(number);
+            let least: [f32; 3] = std::array::from_fn(|i| (axis[i] * low[i]).min(axis[i] * high[i]));
+            let most: [f32; 3] = std::array::from_fn(|i| (axis[i] * low[i]).max(axis[i] * high[i]));
+            [least, most].map(|sum| (sum[0] + sum[1]) + sum[2])
+        });
+        let [near, scale] = [self.view[18], self.view[19]];
+        if z[0] <= near {
+            return false;
+        }
+        let size = twin.size_px.map(|side| side as f32);
+        let ends = [(x, 0), (y, 1)].map(|([from, to], axis)| {
+            let px = |end: f32| twin.focal_px[axis] * end + twin.centre_px[axis];
+            [px((from / z[0]).min(from / z[1])), px((to / z[0]).max(to / z[1]))]
+        });
+        let is_inside = (0..2).all(|axis| ends[axis][0] >= 0.0 && ends[axis][1] <= size[axis]);
+        if !self.is_of_this_camera && !is_inside {
+            return false;
+        }
+        let depth = z[0] * scale;
+        let BinGrid { bins, block_height, .. } = self.grid;
+        let cells = |cell_px: [u32; 2]| {
+            let at = |axis: usize, end: usize| ends[axis][end].clamp(0.0, size[axis] - 1.0) as u32 / cell_px[axis];
+            [0, 1].map(|axis| at(axis, 0)..=at(axis, 1))
+        };
+        let blocks = cells([BLOCK_WIDTH, block_height]);
+        let whole_bins = cells([BLOCK_WIDTH * BIN_COLUMNS, block_height * BIN_ROWS]);
+        let is_few = |[columns, rows]: &[RangeInclusive<u32>; 2]| {
+            (columns.end() - columns.start() + 1) * (rows.end() - rows.start() + 1) <= 64
+        };
+        let places: Vec<u32> = if is_few(&blocks) {
+            let of_block = |x: u32, y: u32| {
+                let bin = y / BIN_ROWS * bins[0] + x / BIN_COLUMNS;
+                bin * BLOCKS + y % BIN_ROWS * BIN_COLUMNS + x % BIN_COLUMNS
+            };
+            blocks[1].clone().flat_map(|y| blocks[0].clone().map(move |x| of_block(x, y))).collect()
+        } else if is_few(&whole_bins) {
+            let first = bins[0] * bins[1] * BLOCKS;
+            whole_bins[1].clone().flat_map(|y| whole_bins[0].clone().map(move |x| first + y * bins[0] + x)).collect()
+        } else {
+            return false;
+        };
+        places.iter().all(|place| self.depths[*place as usize] < depth)
+    }
 }
 
 /// A page in view.
@@ -55,6 +122,7 @@ impl Twin {
             size_px: camera.size_px,
             per_focal_squared: (1.0 / (focal * focal)) as f32,
             fade: LodTarget::of(options).fade,
+            known: None,
         }
     }
 
@@ -81,7 +149,13 @@ impl Twin {
         });
         let distance = ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]).max(self.near() * self.near());
         let px = distance * self.per_focal_squared;
-        px * (px * own.per_width_squared).max(1.0)
+        let width = px * (px * own.per_width_squared).max(1.0);
+        if self.hides(page) { width * self.known.as_ref().unwrap().factor_squared } else { width }
+    }
+
+    fn hides(&self, page: u32) -> bool {
+        let own = &self.boxes[page as usize];
+        self.known.as_ref().is_some_and(|known| known.hides(self, own.lod_low, own.lod_high))
     }
 
     fn samples_in_image(&self, page: usize) -> u32 {
@@ -267,6 +341,66 @@ fn pages_are_selected_as_in_plain_rust() {
             );
         }
     }
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+#[test]
+fn hidden_groups_are_those_of_plain_rust() {
+    let scene = cactus::cactus(60_000).unwrap();
+    let focus = Focus::of(&scene.gaussians);
+    let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
+    let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
+    let options = Options { lod_error: 6.0, lod_occlusion: 3.0, ..Options::EXACT };
+    let scene = opened_scene(&device, &file, &[Transform::IDENTITY, beside], &options);
+    let mut selector = LodSelector::new(&device, &scene, scene.paged().unwrap()).unwrap();
+    let pages = scene.paged().unwrap().cache().pages().clone();
+    let camera = Camera::framing(focus.centre.into(), focus.radius, [300, 200]);
+    let moved = Camera { position: camera.position + glam::DVec3::new(0.3, -0.1, 0.4), ..camera.clone() };
+    let (mut hidden, mut visible) = (0, 0);
+    for (form, drawn, nearer) in [(0, &camera, 0.5), (2, &camera, 0.7), (2, &moved, 0.5), (3, &moved, 0.7)] {
+        let grid = BinGrid::new(drawn.size_px, form);
+        let count = (grid.count() * BLOCKS) as usize;
+        // The picture stops at depths that grow to the right, and not at all in a few blocks.
+        let mut depths: Vec<f32> = (0..count)
+            .map(|place| {
+                let column = (place as u32 / BLOCKS % grid.bins[0] * BIN_COLUMNS + place as u32 % BIN_COLUMNS) as f32;
+                let depth = focus.radius as f32 * (nearer + 0.02 * column);
+                if place % 97 == 0 { f32::INFINITY } else { depth }
+            })
+            .collect();
+        let of_bins: Vec<f32> =
+            depths.chunks(BLOCKS as usize).map(|blocks| blocks.iter().copied().fold(0.0, f32::max)).collect();
+        depths.extend(of_bins);
+        selector.occlusion.set(&device, Shot::new(&scene, drawn), &options, grid, &depths).unwrap();
+        let selection = selector.select(&device, Shot::new(&scene, &camera), &options).unwrap();
+        let [views, known] = [&camera, drawn].map(|camera| views_of(&scene, camera, &options.rules));
+        let twins: Vec<_> = views
+            .chunks(VIEW_ELEMENTS as usize)
+            .zip(known.chunks(VIEW_ELEMENTS as usize))
+            .map(|(view, known)| {
+                let words: Vec<f32> = known.as_flattened().iter().map(|word| f32::from_bits(*word)).collect();
+                let known = TwinOcclusion {
+                    factor_squared: 64.0,
+                    is_of_this_camera: *drawn == camera,
+                    view: words.try_into().unwrap(),
+                    grid,
+                    depths: depths.clone(),
+                };
+                Twin { known: Some(known), ..Twin::new(&pages, view, &camera, &options) }
+            })
+            .collect();
+        for twin in &twins {
+            for page in 0..pages.pages().len() as u32 {
+                let (is_hidden, parent) = (twin.hides(page), twin.errors[page as usize].parent);
+                assert!(is_hidden || parent == NO_PAGE || !twin.hides(parent), "page {page} is in a hidden box");
+                *if is_hidden { &mut hidden } else { &mut visible } += 1;
+            }
+        }
+        let limit = LodTarget::of(&options).given_squared;
+        let case = format!("form {form}, {nearer}");
+        check_pages(&case, &selection.pages, (&twins, limit, true), &pages, (&scene, &camera, &options));
+    }
+    assert!(hidden > 20 && visible > 20, "{hidden} hidden, {visible} visible");
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
 

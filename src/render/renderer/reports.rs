@@ -48,6 +48,12 @@ impl Renderer {
         self.choice.streamer.as_mut().and_then(PageStreamer::take_problem)
     }
 
+    /// The engines of its paths.
+    #[cfg(test)]
+    pub(in crate::render) fn choice(&mut self) -> &mut crate::render::path_choice::PathChoice {
+        &mut self.choice
+    }
+
     /// The page streamer of a renderer that streams.
     #[cfg(test)]
     pub(in crate::render) fn streamer(&mut self) -> &mut PageStreamer {

@@ -1,0 +1,215 @@
+//! Occlusion on a scene behind a wall: stop depths, cuts, and what frames depend on.
+
+use std::sync::{Arc, LazyLock};
+
+use glam::DVec3;
+
+use super::fixtures::{differing, open, psnr, with_levels};
+use super::target::LodReport;
+use crate::camera::Camera;
+use crate::gpu::{Commands, Device};
+use crate::options::Options;
+use crate::pagefile::PageFile;
+use crate::pagefile::write::Settings;
+use crate::pixels::Pixels;
+use crate::render::renderer::Renderer;
+use crate::render::scene::{SceneSource, Upload};
+use crate::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BLOCK_WIDTH, BLOCKS};
+use crate::rules::Background;
+use crate::scene::{Gaussians, Random, Scene, sh_coefficients};
+
+const SIZE: [u32; 2] = [320, 200];
+const BACKGROUND: Background = Background::Colour([0.1, 0.2, 0.3]);
+/// Stops early, so that the splat at which a pixel stops is drawn.
+const OPTIONS: Options = Options { stop: 1e-3, lod_error: 20.0, lod_occlusion: 6.0, ..Options::EXACT };
+
+/// A wall over more than the right half of the picture, and Gaussians of all colours: two thirds of them behind it.
+fn behind_a_wall() -> Gaussians {
+    let mut random = Random::of(7);
+    let mut gaussians = Gaussians::default();
+    let mut add = |mean: [f32; 3], scale: f32, opacity: f32, random: &mut Random| {
+        gaussians.means.push(mean);
+        gaussians.scales.push([scale; 3]);
+        gaussians.rotations.push([1.0, 0.0, 0.0, 0.0]);
+        gaussians.opacities.push(opacity);
+        gaussians.sh.extend([(); sh_coefficients(0)].map(|()| [(); 3].map(|()| random.normal() as f32)));
+    };
+    for place in 0..88 * 56 {
+        let [column, row] = [place % 88, place / 88].map(|number| 0.1 * number as f32);
+        add([column - 1.6, row - 2.8, 4.0], 0.12, 0.97, &mut random);
+    }
+    for place in 0..36_000 {
+        let [x, y, z] = [(); 3].map(|()| random.unit() as f32);
+        let x = if place % 3 == 0 { -8.0 * x } else { 0.5 + 7.5 * x };
+        add([x, 10.0 * y - 5.0, 8.0 + 6.0 * z], 0.03, 0.8, &mut random);
+    }
+    gaussians
+}
+
+static SCENE: LazyLock<(Gaussians, Arc<PageFile>)> = LazyLock::new(|| {
+    let gaussians = behind_a_wall();
+    let scene = Scene { gaussians: gaussians.clone(), ..Scene::empty("test") };
+    (gaussians, with_levels(scene, Settings::LOSSLESS))
+});
+
+/// A camera this far to the left of the first, which has half of the scene behind the wall.
+fn camera(left: f64) -> Camera {
+    Camera::looking_at(DVec3::new(-left, 0.0, 0.0), DVec3::new(-left, 0.0, 1.0), SIZE, 2.0)
+}
+
+fn renderer(device: &Device, options: &Options) -> Renderer {
+    let source = SceneSource::of_file(SCENE.1.clone());
+    let scene = source.upload_with(device, options, Upload::reserving(1 << 20)).unwrap();
+    Renderer::new(device, options, &scene).unwrap()
+}
+
+fn draw(renderer: &mut Renderer, camera: &Camera) -> (Pixels, LodReport) {
+    let frame = renderer.render(camera, BACKGROUND).unwrap();
+    (renderer.pixels().unwrap(), frame.detail.unwrap())
+}
+
+/// The stop depths of blocks and bins that a renderer knows.
+fn stop_depths(device: &Device, renderer: &mut Renderer) -> Vec<f32> {
+    let mut cmd = Commands::new(device).unwrap();
+    let depths = cmd.read(&renderer.choice().occlusion().unwrap().depths).unwrap();
+    cmd.submit().unwrap().wait().unwrap().view(&depths).to_vec()
+}
+
+/// Nothing behind the stop depth of a block changes it, and what is at the stop depth does.
+#[test]
+fn blocks_stop_at_their_stop_depths() {
+    let (device, camera) = (open(None), camera(0.0));
+    // All Gaussians are drawn.
+    let options = Options { lod_error: 1e-12, ..OPTIONS };
+    let mut renderer = renderer(&device, &options);
+    let expected = draw(&mut renderer, &camera).0;
+    let depths = stop_depths(&device, &mut renderer);
+    let plain = Options { lod_error: 0.0, lod_occlusion: 0.0, ..options };
+    let without = |is_kept: &dyn Fn(f32) -> bool| {
+        let gaussians = &SCENE.0;
+        let kept = (0..gaussians.len()).filter(|i| is_kept(gaussians.means()[*i][2]));
+        let kept: Vec<u32> = kept.map(|i| i as u32).collect();
+        let source = SceneSource::of(gaussians.selected(&kept).unwrap());
+        let scene = source.upload_with(&device, &plain, Upload::default()).unwrap();
+        let mut renderer = Renderer::new(&device, &plain, &scene).unwrap();
+        renderer.render(&camera, BACKGROUND).unwrap();
+        renderer.pixels().unwrap()
+    };
+    let form = renderer.choice().fast().unwrap().grid(SIZE, SCENE.0.len());
+    let [columns, block] = [form.bins[0], form.block_height];
+    let differ_in = |pixels: &Pixels, [left, top]: [u32; 2]| {
+        let [right, bottom] = [left + BLOCK_WIDTH, top + block].map(|end| end as usize);
+        (top as usize..bottom.min(SIZE[1] as usize)).any(|y| {
+            let row = y * SIZE[0] as usize;
+            let range = row + left as usize..row + right.min(SIZE[0] as usize);
+            expected.rgba[range.clone()]
+                .iter()
+                .zip(&pixels.rgba[range])
+                .any(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits))
+        })
+    };
+    let corners: Vec<[u32; 2]> = (0..form.count() * BLOCKS)
+        .map(|place| {
+            let (bin, block_in_bin) = (place / BLOCKS, place % BLOCKS);
+            let x = bin % columns * BIN_COLUMNS + block_in_bin % BIN_COLUMNS;
+            let y = bin / columns * BIN_ROWS + block_in_bin / BIN_COLUMNS;
+            [x * BLOCK_WIDTH, y * block]
+        })
+        .collect();
+    let is_inside = |[x, y]: [u32; 2]| x < SIZE[0] && y < SIZE[1];
+    let stopped: Vec<usize> = (0..corners.len()).filter(|i| is_inside(corners[*i]) && depths[*i].is_finite()).collect();
+    assert!(stopped.len() > 200, "the wall stops {} blocks", stopped.len());
+    assert!((0..corners.len()).any(|i| is_inside(corners[i]) && depths[i].is_infinite()), "not all blocks stop");
+    for i in stopped.iter().step_by(stopped.len() / 6) {
+        // The camera's axes are rounded.
+        let [before, depth] = [1.0 - 1e-6, 1.0 + 1e-6].map(|factor| factor * depths[*i]);
+        assert!(
+            !differ_in(&without(&|z| z <= depth), corners[*i]),
+            "nothing behind {depth} is seen at {:?}",
+            corners[*i]
+        );
+        assert!(differ_in(&without(&|z| z < before), corners[*i]), "{depth} is seen at {:?}", corners[*i]);
+    }
+    for bin in 0..form.count() as usize {
+        let blocks = (bin * BLOCKS as usize..).take(BLOCKS as usize).filter(|i| is_inside(corners[*i]));
+        let farthest = blocks.map(|i| depths[i]).fold(0.0, f32::max);
+        assert_eq!(depths[form.count() as usize * BLOCKS as usize + bin], farthest);
+    }
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+#[test]
+fn hidden_nodes_are_coarser_and_the_picture_hardly_changes() {
+    let (device, camera) = (open(None), camera(0.0));
+    let (plain, all) = draw(&mut renderer(&device, &Options { lod_occlusion: 0.0, ..OPTIONS }), &camera);
+    let (coarser, fewer) = draw(&mut renderer(&device, &OPTIONS), &camera);
+    assert!(fewer.nodes < 0.75 * all.nodes, "{} of {} nodes", fewer.nodes, all.nodes);
+    assert!(psnr(&coarser, &plain) > 60.0, "{} dB", psnr(&coarser, &plain));
+    // A budget goes to what is seen.
+    let options = Options { lod_error: 0.0, splats: 20_000, ..OPTIONS };
+    let exact = draw(&mut renderer(&device, &OPTIONS.finest()), &camera).0;
+    let shown = |options: &Options| psnr(&draw(&mut renderer(&device, options), &camera).0, &exact);
+    let (with, without) = (shown(&options), shown(&Options { lod_occlusion: 0.0, ..options }));
+    assert!(with > without + 1.0, "{with} and {without} dB");
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+#[test]
+fn pictures_depend_on_their_view_alone() {
+    let device = open(None);
+    let options = Options { lod_error: 0.0, splats: 20_000, ..OPTIONS };
+    let mut one = renderer(&device, &options);
+    let [first, other, again] = [0.0, 2.0, 0.0].map(|left| draw(&mut one, &camera(left)));
+    assert_eq!((differing(&again.0, &first.0), again.1), (0, first.1));
+    assert!(differing(&other.0, &first.0) > 1000);
+    for limit in [80 << 20, 60 << 20] {
+        let device = open(Some(limit));
+        let mut limited = renderer(&device, &options);
+        for (left, expected) in [(2.0, &other), (0.0, &first)] {
+            let found = draw(&mut limited, &camera(left));
+            assert_eq!((differing(&found.0, &expected.0), found.1), (0, expected.1), "{limit} bytes, {left}");
+        }
+        assert_eq!(device.validation_messages(), Vec::<String>::new());
+    }
+}
+
+/// A streamed frame takes what the frame before it hid: the second at rest is that of a frame that waits. What comes
+/// out from behind the wall is coarse in one frame, if its pages are resident, and has no hole.
+#[test]
+fn streamed_frames_follow_within_a_frame() {
+    let device = open(None);
+    let waiting = [0.0, 2.5].map(|left| draw(&mut renderer(&device, &OPTIONS), &camera(left)));
+    let mut streamed = renderer(&device, &OPTIONS);
+    streamed.enable_page_streaming().unwrap();
+    let mut settle = |left: f64| {
+        loop {
+            streamed.render(&camera(left), BACKGROUND).unwrap();
+            streamed.streamer().wait_for_loads();
+            if !streamed.has_news() {
+                return streamed.pixels().unwrap();
+            }
+        }
+    };
+    // The pages of both views are resident.
+    settle(2.5);
+    let pixels = settle(0.0);
+    assert_eq!(differing(&pixels, &waiting[0].0), 0, "at rest");
+    let [moved, next, last] = [(); 3].map(|()| draw(&mut streamed, &camera(2.5)));
+    let seen = [&moved, &next, &last].map(|frame| psnr(&frame.0, &waiting[1].0));
+    assert!(moved.1.nodes < next.1.nodes && seen[0] > 25.0, "{seen:?}");
+    assert_eq!(differing(&next.0, &last.0), 0, "{seen:?}");
+    assert!(seen[1] > 60.0, "{seen:?}");
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+#[test]
+fn a_measurement_knows_what_is_hidden() {
+    let (device, camera) = (open(None), camera(0.0));
+    let options = Options { lod_error: 0.0, splats: 12_000, ..OPTIONS };
+    let mut one = renderer(&device, &options);
+    let exact = draw(&mut renderer(&device, &options.finest()), &camera).0;
+    let sampled = one.sample_psnr(&camera, BACKGROUND, u32::MAX).unwrap();
+    let measured = psnr(&draw(&mut one, &camera).0, &exact);
+    assert!((sampled.psnr() - measured).abs() < 0.01, "{} and {measured} dB", sampled.psnr());
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
