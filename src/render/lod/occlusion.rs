@@ -27,8 +27,18 @@ pub struct Occlusion {
     /// The views of its camera.
     pub(super) views: Buffer<Element>,
     picture: Option<DrawnPicture>,
-    /// Frames do not replace the stop depths.
-    is_fixed: bool,
+    role: Role,
+}
+
+/// What frames do with stop depths.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Role {
+    /// They take those that are known, and leave them.
+    Take,
+    /// They take none, and replace them.
+    Measure,
+    /// They take those of the frame before, and replace them.
+    Follow,
 }
 
 /// The picture whose stop depths are known.
@@ -49,34 +59,42 @@ impl Occlusion {
             depths: Buffer::new(device, "stop depths", 1)?,
             views: Buffer::new(device, "views of stop depths", views)?,
             picture: None,
-            is_fixed: false,
+            role: Role::Take,
         })
     }
 
-    /// Forgets what is hidden. The next frame on the fast path measures it, unless `is_fixed`.
-    pub fn forget(&mut self, is_fixed: bool) {
-        (self.picture, self.is_fixed) = (None, is_fixed);
+    /// Frames take the stop depths of the frame before them from now on.
+    pub fn follow(&mut self) {
+        self.role = Role::Follow;
     }
 
-    /// Keeps what is hidden for the next frames.
-    pub fn fix(&mut self) {
-        self.is_fixed = true;
+    /// Nothing is known to be hidden, until [`Occlusion::keep`] keeps what the frames until then measure.
+    pub fn measure(&mut self) {
+        (self.picture, self.role) = (None, Role::Measure);
     }
 
-    /// Takes what another selection of the scene knows, and keeps it.
-    pub fn take(&mut self, other: &Self) {
-        (self.depths, self.views) = (other.depths.clone(), other.views.clone());
-        (self.picture, self.is_fixed) = (other.picture.clone(), true);
+    /// Frames take the present stop depths from now on.
+    pub fn keep(&mut self) {
+        self.role = Role::Take;
     }
 
-    /// True if it is kept, and from the picture of this camera by these options.
+    /// Frames take what another selection of the scene knows from now on; with `None`, nothing.
+    pub fn share(&mut self, other: Option<&Self>) {
+        (self.picture, self.role) = (None, Role::Take);
+        if let Some(Self { depths, views, picture, .. }) = other {
+            (self.depths, self.views, self.picture) = (depths.clone(), views.clone(), picture.clone());
+        }
+    }
+
+    /// True if frames take the stop depths of the picture of this camera by these options.
     pub fn is_of(&self, camera: &Camera, options: &Options) -> bool {
-        self.is_fixed && self.picture.as_ref().is_some_and(|p| p.camera == *camera && p.options == *options)
+        self.role == Role::Take && self.picture.as_ref().is_some_and(|p| p.camera == *camera && p.options == *options)
     }
 
     /// What a selection for a picture knows.
     pub(super) fn words(&self, camera: &Camera, options: &Options) -> shaders::Occlusion {
-        let Some(picture) = self.picture.as_ref().filter(|picture| picture.camera.size_px == camera.size_px) else {
+        let is_taken = |picture: &&DrawnPicture| self.role != Role::Measure && picture.camera.size_px == camera.size_px;
+        let Some(picture) = self.picture.as_ref().filter(is_taken) else {
             return shaders::Occlusion { factor_squared: 1.0, is_of_this_camera: 0, block_height: 0, bins: [0; 2] };
         };
         shaders::Occlusion {
@@ -87,13 +105,13 @@ impl Occlusion {
         }
     }
 
-    /// Records the stop depths of a frame behind its blend, if its options ask for them and they are not kept.
+    /// Records the stop depths of a frame behind its blend, if it measures them.
     ///
     /// # Errors
     /// If memory runs out, or the pipeline cannot be made.
     pub fn record(&mut self, device: &Device, cmd: &mut Commands, frame: &FastFrame) -> Result<()> {
         let FastFrame { work, options, shot: Shot { scene, camera, .. }, grid, .. } = *frame;
-        if self.is_fixed || !options.simplifies_hidden() {
+        if self.role == Role::Take || !options.simplifies_hidden() {
             return Ok(());
         }
         let length = (grid.count() * (BLOCKS + 1)) as usize;

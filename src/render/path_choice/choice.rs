@@ -271,6 +271,7 @@ impl PathChoice {
         let selector = self.selector.as_mut().filter(|selector| selector.has_levels() && self.fast.is_some());
         if let (Some(selector), Some(paged)) = (selector, scene.paged()) {
             self.streamer = Some(PageStreamer::new(device, paged, selector, self.options.lod_fade > 0.0)?);
+            selector.occlusion.follow();
         }
         Ok(())
     }

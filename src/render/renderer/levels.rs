@@ -95,12 +95,12 @@ impl Renderer {
         if is_again && occlusion.is_of(&drawn, &options) {
             return Ok(0.0);
         }
-        occlusion.forget(false);
+        occlusion.measure();
         self.finds_hidden = true;
         let first = self.render(camera, background);
         self.finds_hidden = false;
         let first = first?;
-        self.choice.occlusion().into_iter().for_each(Occlusion::fix);
+        self.choice.occlusion().into_iter().for_each(Occlusion::keep);
         Ok(first.gpu_ms())
     }
 

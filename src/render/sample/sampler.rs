@@ -75,11 +75,7 @@ impl LevelSampler {
 
     /// Takes what is hidden in the pictures that are measured; `None`: nothing is known.
     pub fn set_hidden(&mut self, known: Option<&Occlusion>) {
-        match (self.choice.occlusion(), known) {
-            (Some(occlusion), Some(known)) => occlusion.take(known),
-            (Some(occlusion), None) => occlusion.forget(true),
-            (None, _) => {}
-        }
+        self.choice.occlusion().into_iter().for_each(|occlusion| occlusion.share(known));
     }
 
     /// Draws the next strata of a sample with all Gaussians and by the levels of its options, which differ from those
