@@ -116,7 +116,7 @@ void blend_staged(uint first, uint behind, uint form) {
                     float left = last[k] = before[k];
                     [[unroll]] for (uint j = 0; j < AT_ONCE; j++) {
                         float after = fma(-UNIT, weights[j][k], left);
-                        if (HAS_STOP_KEYS && left >= limit[k]) stopped_at = i + j;
+                        if (HAS_STOP_KEYS && left >= limit[k]) stopped_at = max(stopped_at, i + j);
                         bool added = left >= limit[k] && after >= UNIT * TRANSMITTANCE_MIN;
                         weights[j][k] = added ? weights[j][k] : 0.0;
                         last[k] = added ? after : last[k];

@@ -31,9 +31,9 @@ bool are_in_front(uvec2 first, uvec2 last, bool are_blocks, float depth) {
     return true;
 }
 
-// True if a group lies behind what the picture shows. A group in the box of a hidden group is hidden, too, as all
-// operations are monotone; the rounding of a quotient may break that at the border of a block, where two nodes on a path
-// are drawn then, both hidden.
+// True if the centres of a group lie behind what the picture shows. All operations are monotone, so what is in the box
+// of a hidden group is hidden, too. Only the rounding of a quotient may break that, at the border of a block. Then two
+// nodes on a path are drawn.
 bool is_hidden(PageBox box) {
     precise vec3 low = (box.lod_low - stop_view.position_high) - stop_view.position_low;
     precise vec3 high = (box.lod_high - stop_view.position_high) - stop_view.position_low;

@@ -48,10 +48,9 @@ struct SelectionState {
     uint sums[ROUNDS * CANDIDATES * SEARCHES * 2];
 };
 
-// What a selection knows of the groups that are hidden behind what a picture of the same size shows: the stop depths of
-// its blocks and bins.
+// The stop depths of a picture of the same size and focal length.
 struct Occlusion {
-    float factor_squared;  // of the error limits of hidden groups; 1: nothing is known
+    float factor_squared;  // of the error limits of hidden groups; 1: there are no stop depths
     uint is_of_this_camera;  // 0: the camera has moved since
     uint block_height;  // px
     uvec2 bins;

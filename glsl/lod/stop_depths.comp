@@ -25,7 +25,8 @@ void main() {
     if (block == 0) farthest = 0;
     barrier();
     uint key = stop_keys[bin * BLOCKS + block];
-    uint depth = key == NOT_STOPPED ? INFINITY : floatBitsToUint(push.near) + (key + 1 << push.depth_shift) - 1;
+    uint depth = floatBitsToUint(push.near) + (key + 1 << push.depth_shift) - 1;
+    depth = key == NOT_STOPPED ? INFINITY : min(depth, INFINITY);
     stop_depths[bin * BLOCKS + block] = uintBitsToFloat(depth);
     uvec2 place = uvec2(BIN_COLUMNS, BIN_ROWS) * uvec2(bin % push.bins.x, bin / push.bins.x)
         + uvec2(block % BIN_COLUMNS, block / BIN_COLUMNS);

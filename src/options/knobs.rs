@@ -301,9 +301,9 @@ pub static KNOBS: [Knob; 18] = [
     Knob {
         name: "lod-occlusion",
         value_name: "OCTAVES",
-        help: "Draw what is hidden coarser, by this many powers of two\n\nThe error limit of groups of nodes behind what \
-               is seen is raised. `view` knows what is hidden from the frame before, `render` and `bench` draw each \
-               view twice for it. On the fast path [default: 0, not; of view: 2].",
+        help: "Draw what is hidden coarser, by this many powers of two\n\nThe error limits of groups of nodes behind \
+               what is seen are higher. `view` and `serve` know what is hidden from the last frame. `render` and \
+               `bench` draw each view twice, and as a whole on one device. On the fast path [default: 0; of view: 2].",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 16.0], usual: [0.0, 8.0], is_fraction: false },
         steps: &[Value::Number(0.0)],

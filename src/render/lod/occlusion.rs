@@ -1,8 +1,8 @@
 //! Occlusion: the stop depths of a picture. Groups of nodes behind them are hidden, and drawn coarser
 //! (`glsl/lod/hidden.glsl`).
 //!
-//! A frame that waits for its pages draws its view twice, at first as if nothing were known, so that it depends on the
-//! view alone. A streamed frame takes the stop depths of the frame before it.
+//! A frame that waits for its pages draws its view twice, first as if nothing were hidden, so that it depends on the view
+//! alone. A streamed frame takes the stop depths of the last one.
 
 use anyhow::Result;
 
@@ -28,6 +28,10 @@ pub struct Occlusion {
     pub(super) views: Buffer<Element>,
     picture: Option<DrawnPicture>,
     role: Role,
+    /// A frame that took the stop depths is complete.
+    is_used: bool,
+    /// The last frame took stop depths of another camera than its own.
+    is_behind: bool,
 }
 
 /// What frames do with stop depths.
@@ -37,7 +41,7 @@ enum Role {
     Take,
     /// They take none, and replace them.
     Measure,
-    /// They take those of the frame before, and replace them.
+    /// They take those of the last frame, and replace them.
     Follow,
 }
 
@@ -60,6 +64,8 @@ impl Occlusion {
             views: Buffer::new(device, "views of stop depths", views)?,
             picture: None,
             role: Role::Take,
+            is_used: false,
+            is_behind: false,
         })
     }
 
@@ -68,17 +74,32 @@ impl Occlusion {
         self.role = Role::Follow;
     }
 
-    /// Nothing is known to be hidden, until [`Occlusion::keep`] keeps what the frames until then measure.
+    /// Nothing is hidden, until [`Occlusion::keep`] keeps the stop depths that the frames until then make.
     pub fn measure(&mut self) {
         (self.picture, self.role) = (None, Role::Measure);
     }
 
     /// Frames take the present stop depths from now on.
     pub fn keep(&mut self) {
-        self.role = Role::Take;
+        (self.role, self.is_used) = (Role::Take, false);
     }
 
-    /// Frames take what another selection of the scene knows from now on; with `None`, nothing.
+    /// A frame that took the stop depths is complete.
+    pub fn set_used(&mut self) {
+        self.is_used = true;
+    }
+
+    /// A frame begins.
+    pub fn begin_frame(&mut self) {
+        self.is_behind = false;
+    }
+
+    /// True if another frame with the same camera knows better what is hidden.
+    pub fn is_behind(&self) -> bool {
+        self.is_behind
+    }
+
+    /// Frames take the stop depths of another selection of the scene from now on; with `None`, none.
     pub fn share(&mut self, other: Option<&Self>) {
         (self.picture, self.role) = (None, Role::Take);
         if let Some(Self { depths, views, picture, .. }) = other {
@@ -86,14 +107,18 @@ impl Occlusion {
         }
     }
 
-    /// True if frames take the stop depths of the picture of this camera by these options.
-    pub fn is_of(&self, camera: &Camera, options: &Options) -> bool {
-        self.role == Role::Take && self.picture.as_ref().is_some_and(|p| p.camera == *camera && p.options == *options)
+    /// True if frames take the stop depths of the picture of this camera by these options, and, unless `may_be_used`, no
+    /// complete frame has done so.
+    pub fn is_of(&self, camera: &Camera, options: &Options, may_be_used: bool) -> bool {
+        let is_taken = self.role == Role::Take && (may_be_used || !self.is_used);
+        is_taken && self.picture.as_ref().is_some_and(|p| p.camera == *camera && p.options == *options)
     }
 
-    /// What a selection for a picture knows.
+    /// The stop depths that the selection for a picture takes.
     pub(super) fn words(&self, camera: &Camera, options: &Options) -> shaders::Occlusion {
-        let is_taken = |picture: &&DrawnPicture| self.role != Role::Measure && picture.camera.size_px == camera.size_px;
+        let projection = |camera: &Camera| (camera.size_px, camera.focal_px, camera.centre_px);
+        let is_taken =
+            |picture: &&DrawnPicture| self.role != Role::Measure && projection(&picture.camera) == projection(camera);
         let Some(picture) = self.picture.as_ref().filter(is_taken) else {
             return shaders::Occlusion { factor_squared: 1.0, is_of_this_camera: 0, block_height: 0, bins: [0; 2] };
         };
@@ -111,9 +136,14 @@ impl Occlusion {
     /// If memory runs out, or the pipeline cannot be made.
     pub fn record(&mut self, device: &Device, cmd: &mut Commands, frame: &FastFrame) -> Result<()> {
         let FastFrame { work, options, shot: Shot { scene, camera, .. }, grid, .. } = *frame;
-        if self.role == Role::Take || !options.simplifies_hidden() {
+        if self.role == Role::Take {
             return Ok(());
         }
+        if !options.simplifies_hidden() {
+            self.picture = None;
+            return Ok(());
+        }
+        self.is_behind = self.picture.as_ref().is_none_or(|picture| picture.camera != *camera);
         let length = (grid.count() * (BLOCKS + 1)) as usize;
         if self.depths.len() != length {
             self.depths = Buffer::new(device, "stop depths", length)?;

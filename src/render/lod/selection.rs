@@ -200,8 +200,8 @@ impl LodSelector {
         cmd.submit()
     }
 
-    /// The fewest bytes that each stage moves: only the first stage reads the table of all pages. The stages of a first
-    /// picture are not told apart.
+    /// The fewest bytes that each stage moves: only the first stage reads the table of all pages. The bytes of a first
+    /// picture are not counted.
     pub fn least_bytes(&self) -> [(&'static str, u64); 5] {
         [
             ("look", (self.boxes.len() * size_of::<PageBox>()) as u64),

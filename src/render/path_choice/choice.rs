@@ -285,6 +285,7 @@ impl PathChoice {
         needs_tile_lists: bool,
         attribute: Option<Attribute>,
     ) -> Result<Limits> {
+        self.selector.iter_mut().for_each(|selector| selector.occlusion.begin_frame());
         if shot.camera.lens.is_some() {
             return self.prepare_rays(device, shot, needs_tile_lists);
         }
@@ -441,6 +442,11 @@ impl PathChoice {
             fast.needs_slabs = !load_missing(device, selector, scene, state)?;
         }
         Ok(state.missing == 0)
+    }
+
+    /// True if another frame that does not wait knows better what is hidden.
+    pub fn is_behind(&self) -> bool {
+        self.selector.as_ref().is_some_and(|selector| selector.occlusion.is_behind())
     }
 
     /// What is hidden in pictures of a scene in pages on the fast path.

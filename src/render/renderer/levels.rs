@@ -79,25 +79,28 @@ impl Renderer {
             }
         };
         self.choice.options = Options { lod_error: limit, lod_psnr: 0.0, ..self.choice.options };
-        // A splat budget may have raised the limit.
-        Ok(Some(psnr).filter(|_| self.options.splats == 0))
+        // A splat budget may have raised the limit, and the search does not know what is hidden.
+        let is_of_picture = self.options.splats == 0 && !self.options.simplifies_hidden();
+        Ok(Some(psnr).filter(|_| is_of_picture))
     }
 
     /// Draws a picture to find what is hidden in it, if the options ask for that and frames wait for their pages.
-    /// Returns its GPU time, ms. With `is_again`, nothing is drawn if it is known for this view.
-    pub(super) fn find_hidden(&mut self, camera: &Camera, background: Background, is_again: bool) -> Result<f64> {
+    /// Returns its GPU time, ms. Nothing is drawn if that is known, and no complete picture was drawn by it, or may be.
+    pub(super) fn find_hidden(&mut self, camera: &Camera, background: Background, may_be_used: bool) -> Result<f64> {
         let options = self.choice.options;
         if !options.simplifies_hidden() || self.choice.streamer.is_some() || self.finds_hidden {
             return Ok(0.0);
         }
         let drawn = camera.sampled(options.drawn_size(camera.size_px));
         let Some(occlusion) = self.choice.occlusion() else { return Ok(0.0) };
-        if is_again && occlusion.is_of(&drawn, &options) {
+        if occlusion.is_of(&drawn, &options, may_be_used) {
             return Ok(0.0);
         }
         occlusion.measure();
         self.finds_hidden = true;
+        let is_repeated = self.choice.is_repeated;
         let first = self.render(camera, background);
+        self.choice.is_repeated = is_repeated;
         self.finds_hidden = false;
         let first = first?;
         self.choice.occlusion().into_iter().for_each(Occlusion::keep);
@@ -155,8 +158,8 @@ impl Renderer {
     #[doc(hidden)]
     pub fn go_on_measuring(&mut self, measurement: &mut PsnrMeasurement, strata: usize) -> Result<Option<SampledPsnr>> {
         self.sampler()?;
-        let (Some(sampler), occlusion) = (&mut self.sampler, self.choice.occlusion()) else { unreachable!() };
-        sampler.set_hidden(occlusion.as_deref());
+        let sampler = self.sampler.as_mut().expect("it was made");
+        sampler.set_hidden(self.choice.occlusion().as_deref());
         sampler.go_on(measurement, strata)
     }
 

@@ -31,6 +31,7 @@ use crate::render::capacity::{Capacity, MAX_ATTEMPTS};
 use crate::render::constants::are_drawn_alike;
 use crate::render::frame::{Shot, Target, Variation};
 use crate::render::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
+use crate::render::lod::Occlusion;
 use crate::render::path::{Limits, Path};
 use crate::render::path_choice::PathChoice;
 use crate::render::readback::read_pixels;
@@ -360,8 +361,6 @@ impl Renderer {
         let shown = inspector.or(self.inspector.as_ref());
         self.refused(camera, shown.map(|inspector| &inspector.inspection)).map_or(Ok(()), Err)?;
         let camera = along_rays.as_ref().unwrap_or(camera);
-        // Another picture of a view shows the same levels.
-        let is_again = inspector.is_some();
         if let Some(shown) = shown.filter(|_| camera.lens.is_some()) {
             shown.prepare_rays(&self.device, &self.options, self.scene.layout())?;
         }
@@ -372,7 +371,7 @@ impl Renderer {
         let unit = if self.band.is_some() { self.band_rows(camera) } else { 1 };
         ensure!(band.is_of(camera.size_px, unit), "a picture of {:?} has no {band:?}", camera.size_px);
         let sampled = self.keep_psnr(camera, background)?;
-        let first_picture_ms = self.find_hidden(camera, background, is_again)?;
+        let first_picture_ms = self.find_hidden(camera, background, false)?;
         match self.fit_images(camera.size_px, band) {
             Err(error) if error.is::<OutOfMemory>() => {
                 // Images precede lists, which slabs can divide.
@@ -472,7 +471,10 @@ impl Renderer {
     #[doc(hidden)]
     pub fn judge(&mut self, results: &Results, recorded: &Recorded) -> Result<Option<Totals>> {
         let (totals, paged) = match &recorded.counted {
-            Counted::Slabbed(drawn) => return Ok(Some(drawn.totals)),
+            Counted::Slabbed(drawn) => {
+                self.choice.occlusion().into_iter().for_each(Occlusion::set_used);
+                return Ok(Some(drawn.totals));
+            }
             Counted::Whole(totals) => (results.view(totals)[0], None),
             Counted::Paged(totals, counts) => (results.view(totals)[0], Some(counts)),
         };
@@ -480,6 +482,7 @@ impl Renderer {
         let mut is_whole = self.choice.judge(&self.device, &totals, limits)?;
         if let Some(counts) = paged {
             is_whole = self.choice.judge_pages(&self.device, &self.scene, results, counts)? && is_whole;
+            self.choice.occlusion().into_iter().filter(|_| is_whole).for_each(Occlusion::set_used);
         }
         if let Some(last) = &mut self.last {
             last.has_tile_lists = is_whole && last.number == recorded.number && self.choice.holds(limits);

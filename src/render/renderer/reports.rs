@@ -33,13 +33,16 @@ impl Renderer {
 
     /// The residency of the pages of the last picture, if pictures do not wait for pages.
     pub fn residency(&self) -> Option<Residency> {
-        self.choice.streamer.as_ref().map(PageStreamer::residency)
+        let residency = self.choice.streamer.as_ref()?.residency();
+        Some(Residency { is_pending: residency.is_pending || self.choice.is_behind(), ..residency })
     }
 
-    /// True if another picture would show pages that the last one did not, or is needed to request pages.
+    /// True if another picture would show pages that the last one did not, or knows better what is hidden, or is needed
+    /// to request pages.
     #[doc(hidden)]
     pub fn has_news(&mut self) -> bool {
-        self.choice.streamer.as_mut().is_some_and(PageStreamer::needs_frame)
+        let is_behind = self.choice.is_behind();
+        self.choice.streamer.as_mut().is_some_and(|streamer| streamer.needs_frame() || is_behind)
     }
 
     /// Takes the reason why a page could not be read beside the pictures, which show coarser levels in its place.

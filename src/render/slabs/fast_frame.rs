@@ -17,7 +17,7 @@ use crate::render::lod::LodSelector;
 use crate::render::pages::{DrawList, PageCount, PageProjection, first_page, number_of_pages, views_of};
 use crate::render::scene::GpuScene;
 use crate::render::shaders::Totals;
-use crate::render::shaders::fast::{BIN_SEGMENT, MAX_BIN_CHUNKS, NOT_STOPPED};
+use crate::render::shaders::fast::{BIN_SEGMENT, BLOCKS, MAX_BIN_CHUNKS, NOT_STOPPED};
 
 /// The stages and buffers that draw frames of the fast path in slabs.
 pub struct FastSlabs {
@@ -68,7 +68,7 @@ impl FastSlabs {
         &mut self,
         device: &Device,
         frame: &FastFrame,
-        selector: Option<&mut LodSelector>,
+        mut selector: Option<&mut LodSelector>,
     ) -> Result<SlabbedFrame> {
         let FastFrame { work, options, shot, target, grid, .. } = *frame;
         let Shot { scene, camera, .. } = shot;
@@ -77,7 +77,6 @@ impl FastSlabs {
         let end = position_of(keys.limit()) + position_of(1);
         let cells =
             CellGrid { cell_px: grid.bin_px(), cells: grid.bins, top_px: grid.top_px, keys, largest_key: keys.limit() };
-        let mut selector = selector;
         let selection = selector.as_mut().map(|selector| selector.select(device, shot, options)).transpose()?;
         let mut input = SlabInput::of(shot, options, cells, selection.as_ref());
         let mut progress =
@@ -91,7 +90,9 @@ impl FastSlabs {
         // A frame that failed may have left counts behind.
         cmd.fill(&work.counters, 0);
         cmd.fill(&work.listed_in_bins, 0);
-        cmd.fill(&work.stop_keys, NOT_STOPPED);
+        if options.simplifies_hidden() {
+            cmd.fill(&work.stop_keys, NOT_STOPPED);
+        }
         cmd.scope("begin", |cmd| self.stages.begin(cmd, target.image, grid, &self.open_bins.0[0]));
         let _begun = cmd.submit()?;
         let mut before = 0;
@@ -200,8 +201,8 @@ struct StartedSlab {
 /// The capacity of slabs whose buffers take about [`MEMORY_FRACTION`] of `free` bytes.
 fn slab_capacity(free: u64, splat_elements: usize, grid: BinGrid, gaussians: usize) -> Capacity {
     let cells = u64::from(grid.count());
-    // Bytes per bin: the begin of each chunk list, its record, a run, a segment of masks.
-    let fixed = cells * (4 * u64::from(MAX_BIN_CHUNKS + BIN_SEGMENT) + 64) + (1 << 20);
+    // Bytes per bin: the begin of each chunk list, its record, a run, a segment of masks, the stop keys of its blocks.
+    let fixed = cells * (4 * u64::from(MAX_BIN_CHUNKS + BIN_SEGMENT + BLOCKS) + 64) + (1 << 20);
     // Bytes per splat: ids, keys, ranges, one span, its record, and two and a half entries of 16 bytes.
     let each = 4 + 4 + 8 + 4 + 16 * splat_elements as u64 + 40;
     let bytes = (MEMORY_FRACTION * free as f64) as u64;
