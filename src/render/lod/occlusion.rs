@@ -1,8 +1,8 @@
 //! Occlusion: the stop depths of a picture. Groups of nodes behind them are hidden, and drawn coarser
 //! (`glsl/lod/hidden.glsl`).
 //!
-//! A frame that waits for its pages draws its view twice, first as if nothing were hidden, so that it depends on the view
-//! alone. A streamed frame takes the stop depths of the last one.
+//! A frame that waits for its pages draws its view twice, first as if nothing were hidden, so that it depends on the
+//! view alone. A streamed frame takes the stop depths of the last one.
 
 use anyhow::Result;
 
@@ -107,8 +107,8 @@ impl Occlusion {
         }
     }
 
-    /// True if frames take the stop depths of the picture of this camera by these options, and, unless `may_be_used`, no
-    /// complete frame has done so.
+    /// True if frames take the stop depths of the picture of this camera by these options. Unless `may_be_used`, no
+    /// complete frame may have done so.
     pub fn is_of(&self, camera: &Camera, options: &Options, may_be_used: bool) -> bool {
         let is_taken = self.role == Role::Take && (may_be_used || !self.is_used);
         is_taken && self.picture.as_ref().is_some_and(|p| p.camera == *camera && p.options == *options)

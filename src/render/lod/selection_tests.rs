@@ -400,6 +400,10 @@ fn hidden_groups_are_those_of_plain_rust() {
         let case = format!("form {form}, {nearer}");
         check_pages(&case, &selection.pages, (&twins, limit, true), &pages, (&scene, &camera, &options));
     }
+    // Another focal length shows other blocks.
+    let zoomed = Camera { focal_px: 1.5 * camera.focal_px, ..camera.clone() };
+    let factors = [&camera, &zoomed].map(|camera| selector.occlusion.words(camera, &options).factor_squared);
+    assert_eq!(factors, [64.0, 1.0]);
     assert!(hidden > 20 && visible > 20, "{hidden} hidden, {visible} visible");
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
