@@ -82,13 +82,14 @@ fn blocks_stop_at_their_stop_depths() {
     // All Gaussians are drawn.
     let options = Options { lod_error: 1e-12, ..OPTIONS };
     let plain = Options { lod_error: 0.0, lod_occlusion: 0.0, ..options };
-    let without_behind = |depth: f32| {
+    let without_behind = |depth: f32, form: Option<usize>| {
         let gaussians = &SCENE.0;
         let kept: Vec<u32> =
             (0..gaussians.len() as u32).filter(|i| gaussians.means()[*i as usize][2] <= depth).collect();
         let source = SceneSource::of(gaussians.selected(&kept).unwrap());
         let scene = source.upload_with(&device, &plain, Upload::default()).unwrap();
         let mut renderer = Renderer::new(&device, &plain, &scene).unwrap();
+        renderer.choice().force_block_form(form);
         renderer.render(&camera, BACKGROUND).unwrap();
         renderer.pixels().unwrap()
     };
@@ -115,7 +116,7 @@ fn blocks_stop_at_their_stop_depths() {
         // The camera's axes are rounded.
         let slack = if key_bits == 32 { 1e-6 } else { 1e-3 };
         for depth in stopped.iter().step_by(stopped.len() / 12) {
-            let pixels = without_behind(depth * (1.0 + slack));
+            let pixels = without_behind(depth * (1.0 + slack), form);
             for ([left, top], stop) in &blocks {
                 let is_changed = (*top..(top + height).min(SIZE[1])).any(|y| {
                     let row = |x: u32| (y * SIZE[0] + x) as usize;
@@ -164,20 +165,29 @@ fn pictures_depend_on_their_view_alone() {
     let [first, other, again] = [0.0, 2.0, 0.0].map(|left| draw(&mut one, &camera(left)));
     assert_eq!((differing(&again.0, &first.0), again.1), (0, first.1));
     assert!(differing(&other.0, &first.0) > 1000);
-    let mut parts = 0;
-    for limit in [80 << 20, 60 << 20, 55 << 20, 50 << 20, 45 << 20, 40 << 20] {
+    for limit in [80 << 20, 60 << 20, 50 << 20] {
         let device = open(Some(limit));
         let mut limited = renderer(&device, &options);
         for (left, expected) in [(2.0, &other), (0.0, &first)] {
-            let frame = limited.render(&camera(left), BACKGROUND).unwrap();
-            let found = (differing(&limited.pixels().unwrap(), &expected.0), frame.detail.unwrap());
-            assert_eq!(found, (0, expected.1), "{limit} bytes, {left}");
-            eprintln!("{limit} {:?} {}", frame.parts, frame.attempts);
-            parts += usize::from(frame.parts.is_some_and(|report| report.slabs > 1));
+            let found = draw(&mut limited, &camera(left));
+            assert_eq!((differing(&found.0, &expected.0), found.1), (0, expected.1), "{limit} bytes, {left}");
         }
         assert_eq!(device.validation_messages(), Vec::<String>::new());
     }
-    assert!(parts > 0, "a limit divides pictures into slabs");
+    // In slabs.
+    let grid = one.choice().fast().unwrap().grid(SIZE, SCENE.0.len());
+    // Of the blocks that lie in the picture as a whole, and of bins.
+    let whole = (SIZE[1] / grid.bin_px()[1] * grid.bins[0] * BLOCKS) as usize;
+    let of_picture = |depths: Vec<f32>| {
+        let (blocks, bins) = depths.split_at((grid.count() * BLOCKS) as usize);
+        [&blocks[..whole], bins].concat()
+    };
+    let expected = of_picture(stop_depths(&device, &mut one));
+    let mut in_slabs = renderer(&device, &options);
+    in_slabs.choice().force_slabs();
+    assert_eq!(differing(&draw(&mut in_slabs, &camera(0.0)).0, &first.0), 0);
+    assert!(of_picture(stop_depths(&device, &mut in_slabs)) == expected);
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
 
 /// A streamed frame takes what the frame before it hid: the second at rest is that of a frame that waits. What comes

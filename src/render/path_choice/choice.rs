@@ -191,6 +191,12 @@ impl PathChoice {
         self.fast.as_mut().expect("there is a fast path").pipeline = pipeline;
     }
 
+    /// Draws the next frame in slabs.
+    #[cfg(test)]
+    pub fn force_slabs(&mut self) {
+        self.fast.as_mut().expect("there is a fast path").needs_slabs = true;
+    }
+
     /// Sets the index in `fast::BLOCK_FORMS` for all pictures of the fast path. With `None`, each picture takes the
     /// form that suits it.
     pub fn force_block_form(&mut self, form: Option<usize>) {
