@@ -87,8 +87,10 @@ impl Unit {
         for (bounds, name) in self.meta.textures() {
             files.push((bounds, name, self.files.read(name, bounds.most_bytes())?));
         }
+        // All are decoded, so that of several problems the first in their order is reported in every run.
         let decoded = files.par_iter().map(|(bounds, name, bytes)| Texture::decode(name, bytes, *bounds));
-        let textures = decoded.collect::<Result<Vec<_>>>()?;
+        let decoded: Vec<_> = decoded.collect();
+        let textures = decoded.into_iter().collect::<Result<Vec<_>>>()?;
         // Textures of scenes with about as many Gaussians have the same size: they cannot be told apart.
         let [width, height] = textures[0].size;
         for (index, (_, name, _)) in files.iter().enumerate().filter(|(index, _)| *index != PALETTE) {
