@@ -5,8 +5,9 @@
 #include "lod/selection.glsl"
 // One invocation per page and placed view of its scene: tests whether the page may have splats in the image, counts its
 // samples in the image, and computes the width of a pixel at its group.
-// Before: the draw list has the views, the state is 0; `stop_depths` are those of a picture by `stop_views`, if that is
-// known. After: `in_view` has the pages in view, in any order: sums are of whole numbers, and splats are sorted.
+// Before: the draw list has the views, the state is 0; if a picture hides groups, `stop_depths` and `stop_views` are
+// its stop depths and views. After: `in_view` has the pages in view, in any order: sums are of whole numbers, and
+// splats are sorted.
 
 layout(binding = 0, scalar) readonly buffer Boxes { PageBox boxes[]; };                     // [pages]
 layout(binding = 1, scalar) readonly buffer Errors { PageErrors errors[]; };                // [pages]
@@ -106,8 +107,8 @@ void main() {
     PageBox box = boxes[page];
     if (placement >= uint(box.views)) return;
     uint number_of_view = uint(box.first_view) + placement, first = number_of_view * VIEW_ELEMENTS;
-    view = VIEW_FROM(draw_list, first);
-    if (push.occlusion.factor_squared > 1.0) stop_view = VIEW_FROM(stop_views, first);
+    view = PLACED_VIEW(draw_list, first);
+    if (push.occlusion.factor_squared > 1.0) stop_view = PLACED_VIEW(stop_views, first);
     bool is_drawn;
     if (!may_be_seen(box, is_drawn)) return;
     uint parent = errors[page].parent;

@@ -2,12 +2,9 @@
 // Requires: pages/page.glsl, lod/selection.glsl, fast/frame.glsl, stop_depths[], push.focal_px, push.centre_px,
 // push.size_px, push.occlusion
 
-PlacedView stop_view;  // the camera of the picture whose stop depths are known
+PlacedView stop_view;  // the camera of the picture that made the stop depths
 
 const uint MOST_CELLS = 64;  // blocks or bins that are looked at for a group; larger groups count as visible
-
-#define VIEW_FROM(list, first) placed_view_of(uintBitsToFloat(list[first]), uintBitsToFloat(list[first + 1]), \
-    uintBitsToFloat(list[first + 2]), uintBitsToFloat(list[first + 3]), uintBitsToFloat(list[first + 4]))
 
 // The interval of a box along an axis.
 vec2 extent_along(vec3 axis, vec3 low, vec3 high) {

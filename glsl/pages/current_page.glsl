@@ -9,10 +9,7 @@ PageDraw page;
 // Makes a page of the draw list the current page.
 void set_current_page(uint number) {
     page = page_of(draw_list[push.first_page + number]);
-    uint view = page.view * VIEW_ELEMENTS;
-    PlacedView placed = placed_view_of(uintBitsToFloat(draw_list[view]), uintBitsToFloat(draw_list[view + 1]),
-        uintBitsToFloat(draw_list[view + 2]), uintBitsToFloat(draw_list[view + 3]),
-        uintBitsToFloat(draw_list[view + 4]));
+    PlacedView placed = PLACED_VIEW(draw_list, page.view * VIEW_ELEMENTS);
     current_view = view_of(placed, push.focal_px, push.centre_px, push.size_px, push.band);
     scale = placed.scale;
 }

@@ -40,6 +40,10 @@ PlacedView placed_view_of(vec4 a, vec4 b, vec4 c, vec4 d, vec4 e) {
     return PlacedView(a.xyz, vec3(a.w, b.xy), vec3(b.zw, c.x), c.yzw, d.xyz, vec3(d.w, e.xy), e.z, e.w);
 }
 
+// The view that begins with an element of a list. A macro, since a shader cannot pass a buffer.
+#define PLACED_VIEW(list, first) placed_view_of(uintBitsToFloat(list[first]), uintBitsToFloat(list[(first) + 1]), \
+    uintBitsToFloat(list[(first) + 2]), uintBitsToFloat(list[(first) + 3]), uintBitsToFloat(list[(first) + 4]))
+
 View view_of(PlacedView placed, vec2 focal_px, vec2 centre_px, uvec2 size_px, uint band) {
     return View(placed.right, placed.down, placed.forward, placed.forward_low, placed.position_high,
         placed.position_low, focal_px, centre_px, size_px, band, placed.near);

@@ -32,6 +32,13 @@ void keep(uint k) {
     if (is_inside(k)) imageStore(image, ivec2(pixel + uvec2(0, k * ROWS)), state);
 }
 
+// True if a pixel of the block has not stopped.
+bool is_open() {
+    bool is_any = false;
+    for (uint k = 0; k < PIXELS; k++) is_any = is_any || is_inside(k) && limit[k] >= 0.0;
+    return subgroupAny(is_any);
+}
+
 void main() {
     uint place = workgroup() * gl_NumSubgroups + gl_SubgroupID;
     if (place >= push.bins * BLOCKS) return;
@@ -39,17 +46,13 @@ void main() {
     if (!begin_block(number, block)) return;
     Bin bin = bins[number];
     for (uint k = 0; k < PIXELS; k++) go_on(k);
-    bool is_open = false;
-    for (uint k = 0; k < PIXELS; k++) is_open = is_open || is_inside(k) && limit[k] >= 0.0;
-    if (!subgroupAny(is_open)) return;
+    if (!is_open()) return;
     if (bin.count > 0) {
         uint stop_key = blend_entries(bin, block);
         if (HAS_STOP_KEYS && stop_key != NOT_STOPPED && subgroupElect()) stop_keys[number * BLOCKS + block] = stop_key;
         for (uint k = 0; k < PIXELS; k++) keep(k);
     }
-    is_open = false;
-    for (uint k = 0; k < PIXELS; k++) is_open = is_open || is_inside(k) && limit[k] >= 0.0;
-    if (subgroupAny(is_open) && subgroupElect()) {
+    if (is_open() && subgroupElect()) {
         atomicOr(open_bins[number / 32], 1u << number % 32);  // sets bits: order does not matter
     }
 }

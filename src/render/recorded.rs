@@ -49,7 +49,7 @@ pub struct Recorded {
     pub(super) limits: Limits,
     /// The PSNR by which its levels were chosen, if they were.
     pub(super) sampled: Option<SampledPsnr>,
-    /// GPU time of the picture that was drawn before it to find what is hidden, ms.
+    /// GPU time of the first picture, which was drawn for its stop depths, ms.
     pub(super) first_picture_ms: f64,
 }
 
@@ -89,8 +89,8 @@ impl Recorded {
     }
 
     /// Takes the timings of the frame from the front of those of its commands, which may hold more frames: up to the
-    /// scope of the frame, and of its packing. Those of its slabs and of the picture before it, which had commands of
-    /// their own, are added.
+    /// scope of the frame, and of its packing. Those of its slabs and of the first picture, which had commands of their
+    /// own, are added.
     pub fn take_timings(&self, of_commands: &mut &[Timing]) -> Vec<Timing> {
         let is_frame = |timing: &Timing| timing.depth == 0 && timing.name == FRAME;
         let end = of_commands.iter().position(is_frame).map_or(of_commands.len(), |frame| frame + 1);

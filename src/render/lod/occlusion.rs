@@ -37,7 +37,7 @@ pub struct Occlusion {
 /// What frames do with stop depths.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Role {
-    /// They take those that are known, and leave them.
+    /// They take them, and leave them.
     Take,
     /// They take none, and replace them.
     Measure,
@@ -45,7 +45,7 @@ enum Role {
     Follow,
 }
 
-/// The picture whose stop depths are known.
+/// The picture that made the stop depths.
 #[derive(Clone)]
 struct DrawnPicture {
     camera: Camera,
@@ -94,7 +94,7 @@ impl Occlusion {
         self.is_behind = false;
     }
 
-    /// True if another frame with the same camera knows better what is hidden.
+    /// True if another frame with the same camera would take the stop depths of its own view.
     pub fn is_behind(&self) -> bool {
         self.is_behind
     }

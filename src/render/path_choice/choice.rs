@@ -450,12 +450,12 @@ impl PathChoice {
         Ok(state.missing == 0)
     }
 
-    /// True if another frame that does not wait knows better what is hidden.
+    /// True if another streamed frame with the same camera would take the stop depths of its own view.
     pub fn is_behind(&self) -> bool {
         self.selector.as_ref().is_some_and(|selector| selector.occlusion.is_behind())
     }
 
-    /// What is hidden in pictures of a scene in pages on the fast path.
+    /// The stop depths of pictures of a scene in pages on the fast path.
     pub fn occlusion(&mut self) -> Option<&mut Occlusion> {
         self.selector.as_mut().filter(|_| self.fast.is_some()).map(|selector| &mut selector.occlusion)
     }

@@ -84,8 +84,9 @@ impl Renderer {
         Ok(Some(psnr).filter(|_| is_of_picture))
     }
 
-    /// Draws a picture to find what is hidden in it, if the options ask for that and frames wait for their pages.
-    /// Returns its GPU time, ms. Nothing is drawn if that is known, and no complete picture was drawn by it, or may be.
+    /// Draws a first picture, whose stop depths the next one takes, if the options ask for that and frames wait for
+    /// their pages. Returns its GPU time, ms. Nothing is drawn if the stop depths of this view are there, and, unless
+    /// `may_be_used`, no complete picture has taken them.
     pub(super) fn find_hidden(&mut self, camera: &Camera, background: Background, may_be_used: bool) -> Result<f64> {
         let options = self.choice.options;
         if !options.simplifies_hidden() || self.choice.streamer.is_some() || self.finds_hidden {
@@ -159,7 +160,7 @@ impl Renderer {
     pub fn go_on_measuring(&mut self, measurement: &mut PsnrMeasurement, strata: usize) -> Result<Option<SampledPsnr>> {
         self.sampler()?;
         let sampler = self.sampler.as_mut().expect("it was made");
-        sampler.set_hidden(self.choice.occlusion().as_deref());
+        sampler.share_occlusion(self.choice.occlusion().as_deref());
         sampler.go_on(measurement, strata)
     }
 

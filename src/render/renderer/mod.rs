@@ -66,7 +66,7 @@ pub struct Renderer {
     is_finest: bool,
     /// The levels of frames follow a predicted PSNR, since they do not wait for pages or measurements.
     follows_prediction: bool,
-    /// True while a picture is drawn to find what is hidden.
+    /// True while a first picture is drawn, for its stop depths.
     finds_hidden: bool,
     sampler: Option<LevelSampler>,
     /// The error limits that were searched: pictures may be repeated.

@@ -37,8 +37,8 @@ impl Renderer {
         Some(Residency { is_pending: residency.is_pending || self.choice.is_behind(), ..residency })
     }
 
-    /// True if another picture would show pages that the last one did not, or knows better what is hidden, or is needed
-    /// to request pages.
+    /// True if another picture would show pages that the last one did not, or take the stop depths of its own view, or
+    /// is needed to request pages.
     #[doc(hidden)]
     pub fn has_news(&mut self) -> bool {
         let is_behind = self.choice.is_behind();

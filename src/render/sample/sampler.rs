@@ -73,9 +73,9 @@ impl LevelSampler {
         })
     }
 
-    /// Takes what is hidden in the pictures that are measured; `None`: nothing is known.
-    pub fn set_hidden(&mut self, known: Option<&Occlusion>) {
-        self.choice.occlusion().into_iter().for_each(|occlusion| occlusion.share(known));
+    /// Takes the stop depths of the pictures that are measured; with `None`, nothing is hidden.
+    pub fn share_occlusion(&mut self, of_pictures: Option<&Occlusion>) {
+        self.choice.occlusion().into_iter().for_each(|occlusion| occlusion.share(of_pictures));
     }
 
     /// Draws the next strata of a sample with all Gaussians and by the levels of its options, which differ from those
@@ -110,7 +110,7 @@ impl LevelSampler {
         mut patches: u32,
     ) -> Result<(f32, SampledPsnr)> {
         let camera = drawn_camera(&self.options, camera);
-        self.set_hidden(None);
+        self.share_occlusion(None);
         let touched = touched_patches(&self.scene, &camera, &self.options);
         let mut first = FIRST_LIMIT;
         loop {
