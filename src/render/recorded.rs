@@ -163,5 +163,10 @@ mod tests {
         assert_eq!(slabbed.own_ms(&first), 1.5);
         assert_eq!(names(&slabbed.take_timings(&mut left)[2..]), [(FRAME, 8.0)]);
         assert_eq!(names(left), [("display", 0.25)]);
+        // And that of a first picture.
+        let behind_another = Recorded { first_picture_ms: 4.0, ..slabbed };
+        let first = behind_another.take_timings(&mut all.as_slice());
+        assert_eq!(names(&first)[..2], [("first picture", 4.0), ("sort", 2.0)]);
+        assert_eq!((names(&first)[4], behind_another.own_ms(&first)), ((FRAME, 12.0), 1.5));
     }
 }
