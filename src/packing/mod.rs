@@ -14,5 +14,5 @@ mod widths;
 pub use layout::{Layout, MAX_FLOATS, Packing};
 pub(crate) use planes::put;
 pub use planes::{Shape, pack_sh, pack_shapes, reach, take};
-pub use statistics::{Accumulator, EXAMINED, FOCUSED, NOTHING, Statistics};
+pub use statistics::{Accumulator, EXAMINED, NOTHING, Statistics};
 pub use widths::{SH_PLANES, plane_widths};

@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use super::halves::half;
 use crate::scene::{
-    Bounds, Colours, Curve, Focus, Gaussians, MAX_SH_DEGREE, Requirements, SUMMED, StoredValues, bands, sh_coefficients,
+    Bounds, Colours, Curve, FOCUSED, Focus, Gaussians, MAX_SH_DEGREE, Requirements, SUMMED, StoredValues, bands,
+    sh_coefficients,
 };
 
 /// The input of a [`Layout`](super::Layout), and the extent of a scene. The same Gaussians in the same order have the
@@ -20,8 +21,7 @@ pub struct Statistics {
     pub sh_degree: u32,
     /// The bounding box of the means.
     pub extent: Bounds,
-    /// The focus of the scene: exact for up to [`FOCUSED`] Gaussians, else from a sample of this size, evenly spread
-    /// over their order.
+    /// As [`Focus::of`].
     pub focus: Focus,
     pub requirements: Requirements,
     /// The smallest scale over 0 and the largest; both 0 if there is none.
@@ -35,9 +35,6 @@ pub struct Statistics {
     /// 1.98 / 255 may be given as 0.
     pub half_errors: [f64; MAX_SH_DEGREE as usize + 1],
 }
-
-/// Most Gaussians that a focus is computed from.
-pub const FOCUSED: usize = 1 << 18;
 
 /// Colour channels up to which coefficients need no examination: rounding to 16-bit floats changes a value by at most
 /// 2^-11 of it.
@@ -167,10 +164,7 @@ impl Accumulator {
     }
 
     fn focus_on(&mut self, gaussians: &Gaussians) {
-        let place = |k: usize| {
-            if self.count <= FOCUSED { k } else { (k as u128 * self.count as u128 / FOCUSED as u128) as usize }
-        };
-        let places = (self.focused.0.len()..FOCUSED).map(place);
+        let places = (self.focused.0.len()..FOCUSED).map(|k| Focus::sampled(k, self.count));
         for index in places.map(|place| place - self.added).take_while(|index| *index < gaussians.len()) {
             self.focused.0.push(gaussians.means()[index]);
             self.focused.1.push(gaussians.opacities()[index]);
@@ -324,7 +318,9 @@ mod tests {
     #[test]
     fn the_focus_of_a_large_scene_is_that_of_a_sample() {
         let scene = cactus::cactus(FOCUSED + 1000).unwrap().gaussians;
-        let (estimate, exact) = (Statistics::of(&scene).focus, Focus::of(&scene));
+        let exact = Focus::of_weighted(scene.means(), scene.opacities());
+        let estimate = Statistics::of(&scene).focus;
+        assert_eq!(estimate, Focus::of(&scene));
         assert!((estimate.radius / exact.radius - 1.0).abs() < 0.01, "{estimate:?} for {exact:?}");
     }
 }

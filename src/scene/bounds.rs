@@ -42,10 +42,25 @@ pub struct Focus {
     pub radius: f64,
 }
 
+/// Most Gaussians that a focus is computed from.
+pub const FOCUSED: usize = 1 << 18;
+
 impl Focus {
-    /// The focus of `gaussians`.
+    /// The focus of `gaussians`, of more than [`FOCUSED`] that of a sample.
     pub fn of(gaussians: &Gaussians) -> Self {
-        Self::of_weighted(gaussians.means(), gaussians.opacities())
+        let (means, opacities, count) = (gaussians.means(), gaussians.opacities(), gaussians.len());
+        if count <= FOCUSED {
+            return Self::of_weighted(means, opacities);
+        }
+        let places = || (0..FOCUSED).map(|k| Self::sampled(k, count));
+        let means: Vec<_> = places().map(|k| means[k]).collect();
+        let opacities: Vec<_> = places().map(|k| opacities[k]).collect();
+        Self::of_weighted(&means, &opacities)
+    }
+
+    /// The index of the `k`-th Gaussian that the focus of `count` Gaussians is computed from. They are evenly spread.
+    pub fn sampled(k: usize, count: usize) -> usize {
+        if count <= FOCUSED { k } else { (k as u128 * count as u128 / FOCUSED as u128) as usize }
     }
 
     /// The focus of Gaussians with these means and opacities.

@@ -39,7 +39,7 @@ mod transform;
 mod watch;
 
 pub use arrays::Arrays;
-pub use bounds::{Bounds, Focus};
+pub use bounds::{Bounds, FOCUSED, Focus};
 pub use canonical::Builder;
 pub use gaussians::{Gaussians, MAX_SH_DEGREE, USUAL_SH_DEGREE, sh_coefficients};
 pub use instances::SceneInstances;
