@@ -151,6 +151,7 @@ fn panel_of(title: &str, points: &[Point]) -> Lines {
 
 /// Measures levels of random parts of the scene. The errors are roots of the area, in world units.
 fn groups(file: &PageFile) -> Result<Vec<Point>> {
+    ensure!(!file.header().has_source_levels(), "the levels of the scene are those of its source");
     let subtrees = subtrees(file.statistics().count, 4096);
     let mut random = Random(1);
     let levels = subtrees[0].len() - 1;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, anyhow, bail, ensure};
 
 use super::input::Input;
-use super::sog::{self, LOD_META};
+use super::sog::{self, LOD_META, StreamedLevels};
 use super::training::with_settings;
 use super::{BlockReader, Format, Reader, Recognition, Request, labels, packed};
 use crate::host_memory::OutOfMemory;
@@ -45,6 +45,24 @@ impl Reading {
     /// Those of [`Reading::read`], and [`Cancelled`].
     pub fn read_watched(&self, path: &Path, watch: &Watch) -> Result<Scene> {
         read_any(path, self, watch).map_err(|problem| failure(path, problem, watch))
+    }
+
+    /// Reads all levels of a streamed SOG.
+    ///
+    /// # Errors
+    /// Those of [`Reading::read_watched`]; [`NoLevel`] if the file is no streamed SOG.
+    pub fn read_levels(&self, path: &Path, watch: &Watch) -> Result<StreamedLevels> {
+        let read = || {
+            let path = &sog::in_folder(path);
+            let mut input = Input::placed(path, watch, self.placement())?;
+            let is_json =
+                detect(&mut input, path)?.is_some_and(|format| matches!(format.reader, Reader::Levels { .. }));
+            ensure!(is_json, NoLevel::none());
+            let StreamedLevels { scene, coarser, leaves } = sog::read_all_levels(input, path, watch)?;
+            check_drawable(&scene.report)?;
+            Ok(StreamedLevels { scene: with_settings(scene, path), coarser, leaves })
+        };
+        read().map_err(|problem| failure(path, problem, watch))
     }
 
     /// True if [`Reading::read_blocks`] reads a file. False, too, if nothing reads it.

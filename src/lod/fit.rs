@@ -45,11 +45,7 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Residual {
     let px = pixel_width(parents, children);
     let widths = Vec::from_iter(parents.nodes.iter().map(Node::width));
     let (mut drawing, mut residuals) = (Drawing::default(), Vec::new());
-    let views = directions().map(|direction| {
-        let window = Window::around(children, direction, px);
-        Splats::of(children, window).draw(children, &mut drawing);
-        View { width: window.width, children: drawing.pixels.clone(), parents: Splats::of(parents, window) }
-    });
+    let views = views(children, parents, px, &mut drawing);
     let is_fitted = |i: usize| is_new[i] && widths[i] >= LEAST_PX * px;
     for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
         let mut corrections = vec![Correction::default(); parents.len()];
@@ -59,6 +55,21 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Residual {
         }
     }
     measure(&views, (parents, is_new), px, &mut drawing)
+}
+
+/// Measures nodes as they are against those that they stand for.
+pub fn residual(children: &Nodes, parents: &Nodes) -> Residual {
+    let (px, mut drawing) = (pixel_width(parents, children), Drawing::default());
+    let views = views(children, parents, px, &mut drawing);
+    measure(&views, (parents, &vec![true; parents.len()]), px, &mut drawing)
+}
+
+fn views(children: &Nodes, parents: &Nodes, px: f64, drawing: &mut Drawing) -> [View; 6] {
+    directions().map(|direction| {
+        let window = Window::around(children, direction, px);
+        Splats::of(children, window).draw(children, drawing);
+        View { width: window.width, children: drawing.pixels.clone(), parents: Splats::of(parents, window) }
+    })
 }
 
 /// The correction of one parent in one round.

@@ -27,5 +27,6 @@ mod simplify;
 
 pub use difference::squared_difference;
 pub use error_code::{CODES_PER_OCTAVE, FINEST, LOWEST_EXPONENT, NEVER, code_below, code_of, value_of_code};
+pub use fit::{Residual, residual};
 pub use node::{Node, Nodes, median};
 pub use simplify::{Simplified, simplify};

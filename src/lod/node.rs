@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::scene::sh_coefficients;
+use crate::scene::{Gaussians, sh_coefficients};
 
 /// A Gaussian of the scene, or one that stands for several.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -97,6 +97,16 @@ impl Nodes {
         Self { sh_degree, ..Self::default() }
     }
 
+    /// The Gaussians of a scene with these indices.
+    pub fn of(scene: &Gaussians, indices: impl IntoIterator<Item = usize>) -> Self {
+        let mut nodes = Self::new(scene.sh_degree());
+        for i in indices {
+            let node = Node::leaf(scene.means()[i], scene.rotations()[i], scene.scales()[i], scene.opacities()[i]);
+            nodes.push(node, scene.sh(i));
+        }
+        nodes
+    }
+
     pub fn len(&self) -> usize {
         self.nodes.len()
     }
@@ -147,18 +157,5 @@ impl Nodes {
         let mut selected = Self::new(self.sh_degree);
         indices.iter().for_each(|i| selected.push(self.nodes[*i as usize], self.sh(*i as usize)));
         selected
-    }
-}
-
-#[cfg(test)]
-impl Nodes {
-    /// The Gaussians of a scene.
-    pub fn of(scene: &crate::scene::Gaussians) -> Self {
-        let mut nodes = Self::new(scene.sh_degree());
-        for i in 0..scene.len() {
-            let node = Node::leaf(scene.means()[i], scene.rotations()[i], scene.scales()[i], scene.opacities()[i]);
-            nodes.push(node, scene.sh(i));
-        }
-        nodes
     }
 }

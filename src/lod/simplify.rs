@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn simplified_groups_are_the_same_in_every_run() {
-        let children = Nodes::of(&cactus::cactus(4096).unwrap().gaussians);
+        let children = Nodes::of(&cactus::cactus(4096).unwrap().gaussians, 0..4096);
         let found = simplify(&children, 1024, 0.0);
         assert_eq!(found.nodes.len(), 1024);
         let mut members = vec![0; 1024];

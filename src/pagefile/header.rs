@@ -5,7 +5,7 @@ use twox_hash::XxHash3_64;
 
 use super::bytes::{Reader, Writer};
 use super::page::{Entry, PAGE, PageWords};
-use super::page_lod::{LEVEL_WORDS, PageLod};
+use super::page_lod::{LEVEL_WORDS, NO_PAGE, PageLod};
 use crate::formats::PAGE_FILE_SIGNATURE;
 use crate::options::Storage;
 use crate::packing::{Layout, NOTHING, Packing, Statistics};
@@ -15,8 +15,9 @@ use crate::scene::{
 
 /// Bytes of the header.
 pub const HEADER: usize = 4096;
-/// The highest SH degree that the header has room for, and the format versions without and with levels of detail.
-const VERSIONS: [(u32, [u32; 2]); 2] = [(USUAL_SH_DEGREE, [1, 2]), (MAX_SH_DEGREE, [3, 4])];
+/// The highest SH degree that the header has room for, and the format versions without levels of detail, with levels
+/// that smalto made, and with those of the source.
+const VERSIONS: [(u32, [u32; 3]); 2] = [(USUAL_SH_DEGREE, [1, 2, 5]), (MAX_SH_DEGREE, [3, 4, 6])];
 /// Longest texts that are kept, in bytes.
 const MOST_TEXT: usize = 512;
 
@@ -48,8 +49,10 @@ pub struct Header {
 /// The sections of a file with levels of detail.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LodSections {
-    /// Number of pages of merged nodes, which follow the pages of the scene.
+    /// Number of pages of nodes that stand for Gaussians of the scene. They follow the pages of the scene.
     pub pages: usize,
+    /// Number of pages of the scene in files with the levels of a source, in which any page may have empty slots.
+    pub scene_pages: Option<usize>,
     /// Byte offset of the words of levels.
     pub words_at: u64,
     /// Byte offset of the table of levels, which ends the file.
@@ -82,7 +85,12 @@ impl Header {
 
     /// Number of pages of Gaussians of the scene.
     pub fn scene_pages(&self) -> usize {
-        self.statistics.count.div_ceil(PAGE)
+        self.levels.and_then(|levels| levels.scene_pages).unwrap_or(self.statistics.count.div_ceil(PAGE))
+    }
+
+    /// True if the levels of detail are those of the source.
+    pub fn has_source_levels(&self) -> bool {
+        self.levels.is_some_and(|levels| levels.scene_pages.is_some())
     }
 
     /// Number of all pages.
@@ -102,7 +110,7 @@ impl Header {
     pub fn encoded(&self) -> Vec<u8> {
         let mut out = Writer(PAGE_FILE_SIGNATURE.to_vec());
         let (most_degree, versions) = VERSIONS[usize::from(self.statistics.sh_degree > USUAL_SH_DEGREE)];
-        out.u32(versions[usize::from(self.levels.is_some())]);
+        out.u32(versions[usize::from(self.levels.is_some()) + usize::from(self.has_source_levels())]);
         out.u32(PAGE as u32);
         let places = [self.file_bytes(), self.geometry_at, self.colours_at, self.table_checksum];
         places.into_iter().for_each(|value| out.u64(value));
@@ -114,8 +122,12 @@ impl Header {
         put_layout(&self.layout, most_degree, &mut out);
         out.text(&self.title, MOST_TEXT);
         out.text(&self.format, MOST_TEXT);
-        if let Some(LodSections { pages, words_at, table_at, checksum }) = self.levels {
-            [pages as u64, words_at, table_at, checksum].into_iter().for_each(|value| out.u64(value));
+        if let Some(LodSections { pages, scene_pages, words_at, table_at, checksum }) = self.levels {
+            let scene_pages = scene_pages.map(|pages| pages as u64);
+            [pages as u64, words_at, table_at, checksum]
+                .into_iter()
+                .chain(scene_pages)
+                .for_each(|value| out.u64(value));
         }
         let LoadReport { too_large, negative_scale, opacity_range, clamped_opacity, .. } = self.report;
         [too_large, negative_scale, opacity_range, clamped_opacity].iter().for_each(|n| out.u64(*n as u64));
@@ -138,8 +150,8 @@ impl Header {
         let mut from = Reader(&content[PAGE_FILE_SIGNATURE.len()..]);
         let version = from.u32()?;
         let known = VERSIONS.into_iter().find(|(_, versions)| versions.contains(&version));
-        let (most_degree, [_, with_levels]) =
-            known.with_context(|| format!("its version is {version}, and smalto reads 1 to 4"))?;
+        let (most_degree, [without_levels, _, with_source_levels]) =
+            known.with_context(|| format!("its version is {version}, and smalto reads 1 to 6"))?;
         ensure!(checksum == XxHash3_64::oneshot(content).to_le_bytes(), "bytes 0 to {HEADER}, the header, are damaged");
         let page = from.u32()?;
         ensure!(page == PAGE as u32, "its pages hold {page} Gaussians, and smalto reads pages of {PAGE}");
@@ -159,13 +171,17 @@ impl Header {
         let statistics = take_statistics(&mut from, most_degree)?;
         let layout = take_layout(&mut from, most_degree)?;
         let (title, format) = (from.text()?, from.text()?);
-        let levels = match version == with_levels {
-            false => None,
-            true => Some(LodSections {
+        let levels = match version == without_levels {
+            true => None,
+            false => Some(LodSections {
                 pages: usize::try_from(from.u64()?)?,
                 words_at: from.u64()?,
                 table_at: from.u64()?,
                 checksum: from.u64()?,
+                scene_pages: match version == with_source_levels {
+                    true => Some(usize::try_from(from.u64()?)?),
+                    false => None,
+                },
             }),
         };
         // Zeros in files of earlier versions of smalto.
@@ -195,8 +211,10 @@ impl Header {
     fn check(&self, file_bytes: u64) -> Result<()> {
         let count = self.statistics.count;
         ensure!((1..u32::MAX as usize).contains(&count), "it claims {count} Gaussians");
-        let all = self.levels.map_or(0, |levels| levels.pages);
-        ensure!(all <= 2 * self.scene_pages() + 32, "it claims {all} pages of levels");
+        let (scene_pages, all) = (self.scene_pages(), self.levels.map_or(0, |levels| levels.pages));
+        ensure!((count.div_ceil(PAGE)..=count).contains(&scene_pages), "it claims {scene_pages} pages of the scene");
+        let most = if self.has_source_levels() { NO_PAGE as usize - scene_pages } else { 2 * scene_pages + 32 };
+        ensure!(all <= most, "it claims {all} pages of levels");
         let words = PageWords::of(&self.layout);
         let table_end = HEADER as u64 + (self.pages() * Entry::BYTES) as u64;
         let geometry_end = self.geometry_at.checked_add((self.pages() * words.geometry() * 4) as u64);

@@ -30,6 +30,9 @@ pub struct PageLod {
     pub reference_width: f32,
     /// A page with the box and the reference width of the parents of its nodes, or [`NO_PAGE`].
     pub parent: u32,
+    /// The level of detail: 0 for Gaussians of the scene. The table has it for levels of a source; that of others
+    /// follows from the number of the page.
+    pub level: u16,
     /// The largest opacity or sum of opacities.
     pub highest_opacity: f32,
     /// The least own error, as a code.
@@ -68,6 +71,7 @@ impl PageLod {
             high: [0.0; 3],
             reference_width: 0.0,
             parent: NO_PAGE,
+            level: 0,
             highest_opacity: nodes.iter().map(|node| node.opacity.max(node.opacity_sum)).fold(0.0, f32::max),
             least_error: own.first().map_or(FINEST, |first| first.0),
             errors: std::array::from_fn(|part| own[end(part) - 1].0),
@@ -86,6 +90,7 @@ impl PageLod {
             // Its nodes have no errors that fall in wider pixels.
             reference_width: f32::INFINITY,
             parent: NO_PAGE,
+            level: 0,
             highest_opacity: page.highest_opacity,
             least_error: 0,
             errors: [0; PARTS],
@@ -105,8 +110,11 @@ impl PageLod {
     pub fn encoded(&self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         let floats = self.low.into_iter().chain(self.high).chain([self.reference_width]).flat_map(f32::to_le_bytes);
-        let codes =
-            [self.least_error, 0].into_iter().chain(self.errors).chain(self.parent_errors).chain(self.squared_errors);
+        let codes = [self.least_error, self.level]
+            .into_iter()
+            .chain(self.errors)
+            .chain(self.parent_errors)
+            .chain(self.squared_errors);
         let all = floats
             .chain(self.parent.to_le_bytes())
             .chain(self.highest_opacity.to_le_bytes())
@@ -129,6 +137,7 @@ impl PageLod {
             reference_width: float(6),
             parent: word(7),
             highest_opacity: float(8),
+            level: (word(9) >> 16) as u16,
             least_error: word(9) as u16,
             errors: codes(40),
             parent_errors: codes(56),
@@ -144,7 +153,7 @@ impl PageLod {
             self.low.iter().zip(self.high).all(|(low, high)| low.is_finite() && *low <= high && high.is_finite());
         let is_last = own + 1 == pages;
         let has_parent = (own..pages).contains(&(self.parent as usize));
-        let is_parent = if is_last { self.parent == NO_PAGE } else { has_parent };
+        let is_parent = self.parent == NO_PAGE || has_parent && !is_last;
         is_box
             && self.reference_width >= 0.0
             && is_parent
@@ -197,6 +206,7 @@ mod tests {
             high: [1.5, 2.0, 3.0],
             reference_width: 0.5,
             parent: 77,
+            level: 5,
             highest_opacity: 12.0,
             least_error: 3,
             errors: [3, 4, 5, 6, 7, 8, 9, 60000],

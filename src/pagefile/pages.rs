@@ -199,16 +199,17 @@ impl Pages {
         }
     }
 
-    /// The scenes that the pages are of, one after another: their pages, and their numbers of Gaussians without nodes.
-    pub fn scenes(&self) -> Vec<(Range<usize>, usize)> {
-        let range = |first: usize, pages: &Self| (first..first + pages.pages().len(), pages.statistics().count);
+    /// The pages of each scene, one after another.
+    pub fn scenes(&self) -> Vec<Range<usize>> {
         match &self.0.source {
-            Source::Joined(joined) => joined.iter().map(|(pages, first, _)| range(*first, pages)).collect(),
-            _ => vec![range(0, self)],
+            Source::Joined(joined) => {
+                joined.iter().map(|(pages, first, _)| *first..first + pages.pages().len()).collect()
+            }
+            _ => vec![0..self.pages().len()],
         }
     }
 
-    /// The number of Gaussians of each of these scenes, nodes included.
+    /// The number of Gaussians of each of the scenes, nodes included.
     pub fn nodes_of_scenes(&self) -> Vec<usize> {
         match &self.0.source {
             Source::Joined(joined) => joined.iter().map(|(pages, ..)| pages.nodes()).collect(),

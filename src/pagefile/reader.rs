@@ -14,6 +14,7 @@ use super::fault::{ReadFault, simulated};
 use super::header::{HEADER, Header};
 use super::page::{Entry, PAGE, Page, PageWords};
 use super::page_lod::{LEVEL_WORDS, PageLod};
+use super::write::levels_of_pages;
 use crate::files::{describe, open_regular, read_exact_at};
 use crate::formats::PAGE_FILE_SIGNATURE;
 use crate::host_memory::host_zeros;
@@ -235,7 +236,12 @@ fn levels(file: &File, header: &Header) -> Result<Vec<PageLod>> {
     read(file, &mut table, parts.table_at)?;
     let (from, to) = (parts.table_at, header.file_bytes());
     ensure!(XxHash3_64::oneshot(&table) == parts.checksum, "bytes {from} to {to}, the table of levels, are damaged");
-    let levels: Vec<PageLod> = table.as_chunks().0.iter().map(PageLod::decoded).collect();
+    let mut levels: Vec<PageLod> = table.as_chunks().0.iter().map(PageLod::decoded).collect();
+    if !header.has_source_levels() {
+        let numbers = levels_of_pages(header.statistics.count);
+        ensure!(numbers.len() == levels.len(), "it claims {} pages of levels", parts.pages);
+        levels.iter_mut().zip(numbers).for_each(|(level, number)| level.level = number);
+    }
     let is_sound = levels.iter().enumerate().all(|(own, level)| level.is_plausible(own, levels.len()));
     ensure!(is_sound, "the table of levels contradicts itself");
     Ok(levels)

@@ -16,7 +16,7 @@ use crate::files::{Checkpoint, is_stdout};
 use crate::formats::{LOD_META, SceneFile, Streamed, WrittenLevels, write_streamed_sog};
 use crate::measure::prune::Written;
 use crate::options::Options;
-use crate::pagefile::write::subtrees;
+use crate::pagefile::write::{Settings, subtrees};
 use crate::pagefile::{PageFile, nodes_of, static_level};
 use crate::scene::{NoLevel, Scene, Watch};
 
@@ -51,6 +51,11 @@ pub(in crate::cli) struct Args {
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "level")]
     #[arg(value_parser = whole::<u32>(1..=u64::from(u32::MAX)))]
     splats: Option<u32>,
+    /// Keep the levels of a streamed SOG (lod-meta.json), and do not make new ones
+    ///
+    /// A leaf is drawn at one of its levels. The errors of levels are measured as those of new ones are.
+    #[arg(long, help_heading = OUTPUT)]
+    keep_levels: bool,
     /// Format of the level [default: by the name of the file]
     #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
     #[arg(hide_possible_values = true)]
@@ -74,8 +79,7 @@ fn storages() -> [(&'static str, &'static str, Options); 4] {
 }
 
 pub(in crate::cli) fn run(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, writing: WritingArgs { host_memory, json }, reading, level, splats, format } =
-        args;
+    let Args { scene, output, storage, writing: WritingArgs { host_memory, json }, level, splats, format, .. } = args;
     if level.is_some() || splats.is_some() {
         return one_level(args);
     }
@@ -92,9 +96,18 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
     }
     let files = [scene.clone()];
     Target::Pages.check(output, files.iter().map(PathBuf::as_path), false, json.as_ref())?;
-    let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
-    let (written, removed, notices) = pages::convert(inputs, output, pages::settings(*storage, *host_memory, true))?;
+    let (written, removed, notices) = write_levels(args, output, pages::settings(*storage, *host_memory, true))?;
     say_written(written, removed, notices, json.as_ref())
+}
+
+/// Writes a page file with levels: those of the source, or new ones.
+fn write_levels(args: &Args, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
+    let Args { scene, reading, keep_levels, .. } = args;
+    if *keep_levels {
+        return pages::keep_levels(&SceneArg { scene: scene.clone(), reading: *reading }, output, settings);
+    }
+    let files = [scene.clone()];
+    pages::convert(Inputs { files: &files, reading: *reading, edits: &Edits::default() }, output, settings)
 }
 
 /// Writes one level of a scene.
@@ -109,7 +122,7 @@ fn one_level(args: &Args) -> Result<()> {
     }
     target.check(output, [scene.as_path()], false, json.as_ref())?;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
-    let scene = with_levels(args, |file| level_of(args, file))?;
+    let scene = with_levels(args, |file| file.levels().is_some(), |file| level_of(args, file))?;
     let written = match target {
         Target::Pages => {
             pages::write_pages(output, input.title(), &scene, pages::settings(*storage, *host_memory, false))?
@@ -125,12 +138,16 @@ fn streamed_sog(args: &Args) -> Result<()> {
     if storage.is_some() {
         return Err(Usage("--storage needs a .smalto file to write".to_owned()).into());
     }
+    if args.keep_levels {
+        return Err(Usage(format!("--keep-levels writes a .smalto file: the levels of a {LOD_META} are new")).into());
+    }
     json.as_ref().map_or(Ok(()), Sink::check)?;
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if is_same(scene, output) {
         return Err(Usage(format!("{} is both the input and the output", scene.display())).into());
     }
-    let written = with_levels(args, |file| {
+    let has_made_levels = |file: &PageFile| file.levels().is_some() && !file.header().has_source_levels();
+    let written = with_levels(args, has_made_levels, |file| {
         let subtrees = subtrees(file.statistics().count, MOST_PARTS);
         let bar = progress::Bar::new("writing");
         let WrittenLevels { counts, bytes, transparent, loss } = write_streamed_sog(
@@ -162,11 +179,16 @@ fn streamed_sog(args: &Args) -> Result<()> {
 /// Most parts of a streamed SOG. Viewers look at all of them in every frame.
 const MOST_PARTS: usize = 4096;
 
-/// Gives the scene's page file with levels. Levels that it has not are made beside the output, and removed then.
-fn with_levels<T>(args: &Args, give: impl FnOnce(&PageFile) -> Result<T>) -> Result<T> {
+/// Gives the scene's page file with levels. Where it has not the wanted ones, they are written beside the output, and
+/// removed then.
+fn with_levels<T>(
+    args: &Args,
+    has_levels: impl Fn(&PageFile) -> bool,
+    give: impl FnOnce(&PageFile) -> Result<T>,
+) -> Result<T> {
     let Args { scene, output, writing: WritingArgs { host_memory, .. }, reading, .. } = args;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
-    if let Some(file) = input.page_file()?.filter(|file| file.levels().is_some()) {
+    if let Some(file) = input.page_file()?.filter(has_levels) {
         return give(&file);
     }
     if is_stdout(output) {
@@ -177,9 +199,8 @@ fn with_levels<T>(args: &Args, give: impl FnOnce(&PageFile) -> Result<T>) -> Res
     let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.is_dir();
     let folder = output.ancestors().skip(1).find(is_there).unwrap_or(Path::new(""));
     let checkpoint = Checkpoint::beside(&folder.join(format!("{name}.levels")), NO_STATE)?;
-    let (path, files) = (checkpoint.path("levels.smalto"), [scene.clone()]);
-    let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
-    pages::convert(inputs, &path, pages::settings(None, *host_memory, true))?;
+    let path = checkpoint.path("levels.smalto");
+    write_levels(args, &path, pages::settings(None, *host_memory, true))?;
     give(&PageFile::open(&path)?)
 }
 

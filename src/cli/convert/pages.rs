@@ -6,12 +6,15 @@ use anyhow::{Context, Result, ensure};
 
 use super::{Edits, Inputs, read};
 use crate::cli::scenes::SceneArg;
-use crate::cli::{progress, remark};
+use crate::cli::{Usage, progress, remark};
+use crate::formats::LOD_META;
 use crate::measure::prune::Written;
 use crate::options::{Options, Storage};
-use crate::pagefile::write::{Finished, Job, Settings, Take, write_blocks, write_in_order, write_whole};
+use crate::pagefile::write::{
+    Finished, Job, Settings, Take, write_blocks, write_in_order, write_source_levels, write_whole,
+};
 use crate::procedural::Procedural;
-use crate::scene::{Gaussians, LoadReport, Scene, Transform, Watch};
+use crate::scene::{Gaussians, LoadReport, NoLevel, Scene, Transform, Watch};
 
 /// The number formats of a page file.
 pub const STORAGES: [(&str, &str, Options); 5] = [
@@ -57,6 +60,29 @@ pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Wri
     }
     let notices = finished.notices.iter().cloned().chain(finished.header.report.notice()).collect();
     Ok((written(output, &finished)?, removed, notices))
+}
+
+/// Writes a page file with the levels of a streamed SOG.
+pub fn keep_levels(input: &SceneArg, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
+    let is_none = || Usage(format!("--keep-levels needs a {LOD_META}, and {} is none", input.scene.display()));
+    let (reading, path) = (input.reading.reading()?, input.path().ok_or_else(is_none)?);
+    if reading.level.is_some() {
+        return Err(Usage("--keep-levels takes all levels, and --sog-level one of them".to_owned()).into());
+    }
+    let bar = progress::Bar::new("reading");
+    let set = |fraction| bar.set(fraction);
+    let levels =
+        reading.read_levels(&path, &Watch::of_progress(&set)).map_err(|error| match error.is::<NoLevel>() {
+            true => is_none().into(),
+            false => error,
+        })?;
+    drop(bar);
+    input.remark(&levels.scene);
+    let bar = progress::Bar::new("writing pages");
+    let set = |fraction| bar.set(fraction);
+    let job = Job { output, settings, title: input.title(), progress: &set, is_cancelled: &|| false };
+    let finished = write_source_levels(&job, &levels)?;
+    Ok((written(output, &finished)?, 0, Vec::new()))
 }
 
 fn written(output: &Path, finished: &Finished) -> Result<Written> {

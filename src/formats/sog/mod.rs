@@ -1,6 +1,6 @@
 //! SOG of PlayCanvas: WebP textures with one texel per Gaussian, and a `meta.json`.
 //!
-//! - `read` - an archive, a folder, or one level of a streamed SOG
+//! - `read` - an archive, a folder, or levels of a streamed SOG
 //! - `read_streamed` - `lod-meta.json`, the tree of a streamed SOG
 //! - `meta` - `meta.json` of versions 1 and 2
 //! - `unit` - Gaussians of one `meta.json`
@@ -24,7 +24,8 @@ mod write;
 mod write_streamed;
 
 pub use folder::write_sog_folder;
-pub(crate) use read::{in_folder, read_bundle, read_json};
+pub(crate) use read::{in_folder, read_all_levels, read_bundle, read_json};
+pub use read_streamed::{Leaf, StreamedLevels};
 pub(crate) use write::write;
 pub use write_streamed::{Streamed, WrittenLevels, write_streamed_sog};
 

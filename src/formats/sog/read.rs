@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::files::Files;
-use super::read_streamed;
+use super::read_streamed::{self, StreamedLevels};
 use super::unit::{Unit, decode_all};
 use crate::formats::Request;
 use crate::formats::input::Input;
@@ -36,16 +36,11 @@ pub(crate) fn read_bundle(input: Input, watch: &Watch) -> Result<Scene> {
 /// Reads a `meta.json`, or one level of a `lod-meta.json`. The textures lie in the same folder.
 pub(crate) fn read_json(input: Input, request: &Request) -> Result<Scene> {
     let Request { path, level, watch } = *request;
-    #[derive(Deserialize)]
-    struct Keys {
-        means: Option<IgnoredAny>,
-        tree: Option<IgnoredAny>,
-    }
     let quiet = Watch { progress: &|_| {}, ..*watch };
     let mut input = input.watched_by(&quiet);
-    let json = input.rest(read_streamed::MAX_BYTES, "the JSON")?;
+    let (json, keys) = json_of(&mut input)?;
     let folder = path.parent().unwrap_or(Path::new("."));
-    match serde_json::from_slice(&json).context("not the JSON of a scene")? {
+    match keys {
         Keys { tree: Some(_), .. } => read_streamed::read(&mut input, &json, folder, level, watch),
         Keys { means: Some(_), .. } => {
             ensure!(level.is_none(), NoLevel::none());
@@ -57,4 +52,27 @@ pub(crate) fn read_json(input: Input, request: &Request) -> Result<Scene> {
             "the JSON is not that of a scene: it has neither means, as meta.json has, nor a tree, as lod-meta.json has"
         ),
     }
+}
+
+/// Reads all levels of a `lod-meta.json`.
+pub(crate) fn read_all_levels(input: Input, path: &Path, watch: &Watch) -> Result<StreamedLevels> {
+    let quiet = Watch { progress: &|_| {}, ..*watch };
+    let mut input = input.watched_by(&quiet);
+    let (json, keys) = json_of(&mut input)?;
+    ensure!(keys.tree.is_some(), NoLevel::none());
+    read_streamed::read_levels(&mut input, &json, path.parent().unwrap_or(Path::new(".")), watch)
+}
+
+/// The keys that tell what a JSON file is.
+#[derive(Deserialize)]
+struct Keys {
+    means: Option<IgnoredAny>,
+    tree: Option<IgnoredAny>,
+}
+
+/// The content of a JSON file.
+fn json_of(input: &mut Input) -> Result<(Vec<u8>, Keys)> {
+    let json = input.rest(read_streamed::MAX_BYTES, "the JSON")?;
+    let keys = serde_json::from_slice(&json).context("not the JSON of a scene")?;
+    Ok((json, keys))
 }

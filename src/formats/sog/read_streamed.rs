@@ -1,7 +1,9 @@
 //! Reads the streamed SOG of PlayCanvas. The leaves of the tree in `lod-meta.json` name their Gaussians in SOG files
-//! for every level of detail. One whole level is read, with the environment that belongs to all levels.
+//! for every level of detail. One whole level is read, or all levels of all leaves, with the environment that belongs
+//! to all levels.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -11,7 +13,7 @@ use super::files::Files;
 use super::unit::{Unit, decode_all};
 use crate::formats::input::Input;
 use crate::formats::linked_file::inside;
-use crate::scene::{Cancelled, NoLevel, Scene, SceneLevel, Watch};
+use crate::scene::{Cancelled, Gaussians, NoLevel, Scene, SceneLevel, Watch};
 
 /// Largest `lod-meta.json` in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 28;
@@ -37,6 +39,35 @@ struct Node {
 #[derive(Deserialize)]
 struct Range {
     file: usize,
+    #[serde(default)]
+    offset: u64,
+    count: u64,
+}
+
+/// All levels of a streamed SOG.
+pub struct StreamedLevels {
+    /// The finest level of every leaf, and the environment.
+    pub scene: Scene,
+    /// All Gaussians of coarser levels.
+    pub coarser: Gaussians,
+    pub leaves: Vec<Leaf>,
+}
+
+/// The Gaussians of a leaf: a part of the scene, and what may be drawn in its place.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Leaf {
+    /// Indices in the scene.
+    pub finest: ops::Range<usize>,
+    /// Indices among the coarser Gaussians of each further level.
+    pub coarser: Vec<ops::Range<usize>>,
+}
+
+/// The Gaussians of one leaf and level in a file.
+struct Piece {
+    leaf: usize,
+    /// Number of finer levels of the leaf.
+    place: usize,
+    offset: u64,
     count: u64,
 }
 
@@ -47,8 +78,83 @@ impl Node {
     }
 }
 
+impl Written {
+    /// The name of a file, which may be asked for once.
+    fn name<'w>(&'w self, file: usize, names: &mut BTreeSet<&'w str>) -> Result<&'w str> {
+        let name = self.filenames.get(file);
+        let name = name.with_context(|| format!("lod-meta.json names file {file} of {}", self.filenames.len()))?;
+        ensure!(names.insert(name), "lod-meta.json names {name} twice");
+        Ok(name)
+    }
+}
+
+fn parsed(json: &[u8]) -> Result<Written> {
+    serde_json::from_slice(json).context("lod-meta.json is not that of a streamed SOG")
+}
+
+/// Reads all levels.
+pub(crate) fn read_levels(input: &mut Input, json: &[u8], folder: &Path, watch: &Watch) -> Result<StreamedLevels> {
+    let written = parsed(json)?;
+    let (mut leaves, mut pieces_of_files) = (0, BTreeMap::<usize, Vec<Piece>>::new());
+    written.tree.leaves(&mut |lods| {
+        let lods = lods.values().filter(|range| range.count > 0);
+        for (place, Range { file, offset, count }) in lods.enumerate() {
+            leaves = if place == 0 { leaves + 1 } else { leaves };
+            let piece = Piece { leaf: leaves - 1, place, offset: *offset, count: *count };
+            pieces_of_files.entry(*file).or_default().push(piece);
+        }
+    });
+    ensure!(leaves > 0, "the tree in lod-meta.json has no Gaussians");
+    let (mut units, mut names) = (Vec::new(), BTreeSet::new());
+    for (file, mut pieces) in pieces_of_files {
+        ensure!(!(watch.is_cancelled)(), Cancelled);
+        let name = written.name(file, &mut names)?;
+        let unit = open(folder, name, watch)?;
+        pieces.sort_by_key(|piece| piece.offset);
+        let end =
+            pieces.iter().try_fold(0, |end, piece| (piece.offset == end).then(|| end.checked_add(piece.count))?);
+        let are_all = end == Some(unit.meta.count as u64);
+        ensure!(are_all, "lod-meta.json does not assign each of the {} Gaussians of {name} once", unit.meta.count);
+        units.push((unit, pieces));
+    }
+    if let Some(name) = &written.environment {
+        let unit = open(folder, name, watch)?;
+        let piece = Piece { leaf: leaves, place: 0, offset: 0, count: unit.meta.count as u64 };
+        leaves += 1;
+        units.push((unit, vec![piece]));
+    }
+    let sh_degree = units.iter().map(|(unit, _)| unit.sh_degree).max().unwrap_or(0);
+    let is_antialiased = units.iter().any(|(unit, _)| unit.meta.is_antialiased);
+    let [of_scene, of_coarser] = [true, false].map(|is_finest| {
+        let pieces = units.iter().flat_map(|(_, pieces)| pieces).filter(|piece| (piece.place == 0) == is_finest);
+        pieces.map(|piece| piece.count as usize).sum::<usize>()
+    });
+    let (mut finest, mut coarser) = (input.builder(sh_degree, of_scene)?, input.builder(sh_degree, of_coarser)?);
+    let (mut found, mut before) = (vec![BTreeMap::new(); leaves], 0);
+    for (unit, pieces) in units {
+        let texels = unit.decoded(input, &finest)?;
+        for Piece { leaf, place, offset, count } in pieces {
+            let builder = if place == 0 { &mut finest } else { &mut coarser };
+            let (begin, [offset, count]) = (builder.len(), [offset, count].map(|number| number as usize));
+            let progress = |done| (watch.progress)((before + done) as f64 / (of_scene + of_coarser) as f64);
+            texels.add(offset..offset + count, input, builder, progress)?;
+            before += count;
+            found[leaf].insert(place, begin..builder.len());
+        }
+    }
+    let leaf = |mut of_places: BTreeMap<usize, ops::Range<usize>>| Leaf {
+        finest: of_places.remove(&0).unwrap_or_default(),
+        coarser: of_places.into_values().filter(|range| !range.is_empty()).collect(),
+    };
+    // Gaussians that cannot be drawn are left out, and nothing stands for a leaf without others.
+    let leaves = found.into_iter().map(leaf).filter(|leaf| !leaf.finest.is_empty()).collect();
+    let ((gaussians, report), format) = (finest.finish(), "streamed SOG, all levels".to_owned());
+    let scene = Scene { gaussians, report, is_antialiased, ..Scene::empty(&format) };
+    Ok(StreamedLevels { scene, coarser: coarser.finish().0, leaves })
+}
+
 pub(crate) fn read(input: &mut Input, json: &[u8], folder: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {
-    let written: Written = serde_json::from_slice(json).context("lod-meta.json is not that of a streamed SOG")?;
+    let written = parsed(json)?;
     let mut levels = BTreeMap::<u32, u64>::new();
     written.tree.leaves(&mut |lods| {
         for (level, range) in lods {
@@ -76,9 +182,7 @@ pub(crate) fn read(input: &mut Input, json: &[u8], folder: &Path, level: Option<
     let (mut units, mut names) = (Vec::new(), BTreeSet::new());
     for (file, count) in counts {
         ensure!(!(watch.is_cancelled)(), Cancelled);
-        let name = written.filenames.get(file);
-        let name = name.with_context(|| format!("lod-meta.json names file {file} of {}", written.filenames.len()))?;
-        ensure!(names.insert(name), "lod-meta.json names {name} twice");
+        let name = written.name(file, &mut names)?;
         let unit = open(folder, name, watch)?;
         ensure!(
             unit.meta.count as u64 == count,

@@ -1,5 +1,7 @@
 //! Decodes one `meta.json` with its textures to Gaussians.
 
+use std::ops::Range;
+
 use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
 
@@ -26,7 +28,8 @@ pub(crate) fn decode_all(input: &mut Input, units: Vec<Unit>, format: String, wa
     let mut before = 0;
     for unit in units {
         let count = unit.meta.count;
-        unit.decode(input, &mut builder, |done| (watch.progress)((before + done) as f64 / total.max(1) as f64))?;
+        let progress = |done| (watch.progress)((before + done) as f64 / total.max(1) as f64);
+        unit.decoded(input, &builder)?.add(0..count, input, &mut builder, progress)?;
         before += count;
     }
     let (gaussians, report) = builder.finish();
@@ -37,7 +40,7 @@ pub(crate) fn decode_all(input: &mut Input, units: Vec<Unit>, format: String, wa
 pub(crate) struct Unit {
     pub meta: Meta,
     files: Files,
-    sh_degree: u32,
+    pub sh_degree: u32,
 }
 
 impl Unit {
@@ -66,19 +69,12 @@ impl Unit {
         Ok(Self { meta, files, sh_degree })
     }
 
-    /// Adds the Gaussians to `builder`. `progress` gets the number decoded so far.
-    fn decode(mut self, input: &mut Input, builder: &mut Builder, progress: impl Fn(usize)) -> Result<()> {
+    /// The decoded textures. `builder` gets the Gaussians, and holds those that were read before.
+    pub fn decoded(mut self, input: &mut Input, builder: &Builder) -> Result<Texels> {
         input.before_block(builder)?;
-        let textures = self.textures()?;
-        let texels = Texels { textures: &textures, meta: &self.meta, sh_degree: self.sh_degree };
+        let texels = Texels { textures: self.textures()?, meta: self.meta, sh_degree: self.sh_degree };
         texels.check_labels()?;
-        for first in (0..self.meta.count).step_by(BLOCK) {
-            input.before_block(builder)?;
-            let count = BLOCK.min(self.meta.count - first);
-            builder.extend(count, |index, sh| texels.gaussian(first + index, sh));
-            progress(first + count);
-        }
-        Ok(())
+        Ok(texels)
     }
 
     /// Decodes all textures in parallel.
@@ -106,13 +102,30 @@ impl Unit {
 }
 
 /// The textures in the order of [`Meta::textures`], and the meaning of their values.
-struct Texels<'t> {
-    textures: &'t [Texture],
-    meta: &'t Meta,
+pub(crate) struct Texels {
+    textures: Vec<Texture>,
+    meta: Meta,
     sh_degree: u32,
 }
 
-impl Texels<'_> {
+impl Texels {
+    /// Adds the Gaussians in a range to `builder`. `progress` gets the number of them that were added so far.
+    pub fn add(
+        &self,
+        range: Range<usize>,
+        input: &mut Input,
+        builder: &mut Builder,
+        progress: impl Fn(usize),
+    ) -> Result<()> {
+        for first in range.clone().step_by(BLOCK) {
+            input.before_block(builder)?;
+            let count = BLOCK.min(range.end - first);
+            builder.extend(count, |index, sh| self.gaussian(first + index, sh));
+            progress(first + count - range.start);
+        }
+        Ok(())
+    }
+
     fn label(&self, index: usize) -> usize {
         let [low, high, ..] = self.textures[6].texel(index);
         usize::from(u16::from_le_bytes([low, high]))
@@ -132,7 +145,7 @@ impl Texels<'_> {
     }
 
     fn gaussian(&self, index: usize, sh: &mut [[f32; 3]]) -> Raw {
-        let meta = self.meta;
+        let meta = &self.meta;
         let [low, high, scale, rotation, colour] = std::array::from_fn(|i| self.textures[i].texel(index));
         let look_up = |tables: &[meta::Table; 3], texel: [u8; 4]| -> [f32; 3] {
             std::array::from_fn(|i| tables[i][usize::from(texel[i])])

@@ -75,7 +75,7 @@ pub struct Finished {
 }
 
 /// The pages of the output.
-const PAGES: &str = "pages";
+pub(crate) const PAGES: &str = "pages";
 /// The pages of a scene with levels, before their nodes are sorted by error.
 const SCENE: &str = "scene";
 pub(crate) const STATE: &str = "state.json";
@@ -97,6 +97,7 @@ impl Job<'_> {
     pub(crate) fn header(&self, scene: &Scene, statistics: Statistics, layout: Layout) -> Header {
         let levels = self.settings.has_levels.then(|| LodSections {
             pages: inner_pages(statistics.count),
+            scene_pages: None,
             words_at: 0,
             table_at: 0,
             checksum: 0,
@@ -178,11 +179,16 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
         built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
         resumed = groups.map_or(0, |groups| groups.found.load(Ordering::Relaxed));
     }
-    let finished = output.finish(header).and_then(|()| Ok(file.sync_all()?));
+    complete(checkpoint, &output, header)?;
+    Ok(resumed)
+}
+
+/// Gives the output its name, once all pages are written.
+pub(crate) fn complete(checkpoint: Checkpoint, output: &Output, header: Header) -> Result<()> {
+    let finished = output.finish(header).and_then(|()| Ok(output.file.sync_all()?));
     let written = finished.inspect_err(|_| checkpoint.remove(STATE));
     written.with_context(|| format!("cannot write {}", checkpoint.output().display()))?;
-    checkpoint.finish(PAGES)?;
-    Ok(resumed)
+    checkpoint.finish(PAGES)
 }
 
 const CHANGED: &str = "the source was changed while it was read";

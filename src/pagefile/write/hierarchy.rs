@@ -15,15 +15,12 @@ use rayon::prelude::*;
 
 use super::group_checkpoint::{GroupBounds, GroupCheckpoint, GroupOutput};
 use super::hierarchy_layout::{CHILD_GROUPS, GROUP_PAGES, HALVINGS, HierarchyLevel, hierarchy_levels};
-use super::output::{Output, sealed};
-use crate::files::{read_exact_at, write_all_at};
+use super::output::{MOST_OPACITY, Output};
+use crate::files::read_exact_at;
 use crate::lod::{NEVER, Node, Nodes, Simplified, code_of, median, simplify};
 use crate::packing::Shape;
-use crate::pagefile::{LEVEL_WORDS, NO_NODE, NO_PAGE, PADDING, PAGE, PageLod, level_words};
+use crate::pagefile::{NO_PAGE, PADDING, PAGE, PageLod};
 use crate::scene::Cancelled;
-
-/// The largest opacity that fits into 16-bit floats, with room for rounding.
-const MOST_OPACITY: f32 = 60_000.0;
 
 struct Hierarchy<'h> {
     output: &'h Output<'h>,
@@ -226,12 +223,10 @@ impl Hierarchy<'_> {
 
     /// Writes the table entries of some pages. `parent` is a page with the bounds of their parents.
     fn write_lods(&self, pages: &[(usize, PageLod)], parent: u32) -> Result<()> {
-        let [.., table_at] = self.output.offsets;
         for (page, lod) in pages {
             // The format wants a parent that is not before its page.
             let parent = if parent == NO_PAGE { NO_PAGE } else { parent.max(*page as u32) };
-            let lod = PageLod { parent, ..*lod };
-            write_all_at(self.output.file, &lod.encoded(), table_at + (page * PageLod::BYTES) as u64)?;
+            self.output.write_lod(*page, &PageLod { parent, ..*lod })?;
         }
         Ok(())
     }
@@ -300,35 +295,14 @@ impl Hierarchy<'_> {
         let write = |(number, part): (usize, &[u32])| {
             let page = first + number;
             self.output.write_page(page, |geometry, colours| fill(page, part, geometry, colours))?;
-            Ok((page, self.write_words(page, children, part)?))
+            let nodes: Vec<Node> = part.iter().map(|index| children.nodes.nodes[*index as usize]).collect();
+            let [own, parents] = [&children.own, &children.parents]
+                .map(|codes| part.iter().map(|i| codes[*i as usize]).collect::<Vec<u16>>());
+            let is_scene = page < self.count.div_ceil(PAGE);
+            let lod = self.output.write_words(page, (&nodes, is_scene), [&own, &parents], &children.bounds)?;
+            Ok((page, lod))
         };
         children.order().chunks(PAGE).enumerate().map(write).collect()
-    }
-
-    /// Writes the words of levels of a page with these nodes, and returns its entry in the table of levels.
-    fn write_words(&self, page: usize, children: &Children, part: &[u32]) -> Result<PageLod> {
-        let mut words = vec![0; LEVEL_WORDS * PAGE];
-        let is_scene = page < self.count.div_ceil(PAGE);
-        let nodes: Vec<Node> = part.iter().map(|index| children.nodes.nodes[*index as usize]).collect();
-        let [own, parents] = [&children.own, &children.parents]
-            .map(|codes| part.iter().map(|i| codes[*i as usize]).collect::<Vec<u16>>());
-        for (k, words) in words.as_chunks_mut::<LEVEL_WORDS>().0.iter_mut().enumerate() {
-            *words = match nodes.get(k) {
-                None => NO_NODE,
-                Some(node) => {
-                    let opacities = [node.opacity, node.opacity_sum].map(|value| value.min(MOST_OPACITY));
-                    level_words(own[k], parents[k], (!is_scene).then_some(opacities))
-                }
-            };
-        }
-        let checksum = sealed(&mut words);
-        let [.., words_at, _] = self.output.offsets;
-        let bytes: &[u8] = bytemuck::cast_slice(&words);
-        write_all_at(self.output.file, bytes, words_at + (page * bytes.len()) as u64)?;
-        let GroupBounds { low, high, reference_width, own_reference_width } = children.bounds;
-        let level = PageLod::of(&nodes, [&own, &parents], (own_reference_width / reference_width).min(1.0).powi(2));
-        let highest_opacity = level.highest_opacity.min(MOST_OPACITY);
-        Ok(PageLod { low, high, reference_width, highest_opacity, checksum, ..level })
     }
 }
 

@@ -92,19 +92,19 @@ pub fn inner_pages(count: usize) -> usize {
 }
 
 /// The level of detail of each page of a file, 0 for the Gaussians of the scene.
-pub fn levels_of_pages(count: usize) -> Vec<u32> {
+pub fn levels_of_pages(count: usize) -> Vec<u16> {
     let mut levels = vec![0; count.div_ceil(PAGE) + inner_pages(count)];
     let hierarchy = hierarchy_levels(count);
     for (of_groups, first) in hierarchy.iter().zip((0..).step_by(HALVINGS)) {
         for pages in (0..of_groups.groups()).map(|group| of_groups.page_starts(group)) {
             // The input of the leaf level is in the pages of the scene, which are set already.
             for step in usize::from(of_groups.is_leaf)..HALVINGS {
-                levels[pages[step]..pages[step + 1]].fill(first + step as u32);
+                levels[pages[step]..pages[step + 1]].fill(first + step as u16);
             }
         }
     }
     if let Some(last) = levels.last_mut() {
-        *last = (hierarchy.len() * HALVINGS) as u32;
+        *last = (hierarchy.len() * HALVINGS) as u16;
     }
     levels
 }
@@ -165,7 +165,7 @@ mod tests {
             }
             assert_eq!(end + 1, count.div_ceil(PAGE) + inner_pages(count), "{count}");
             let (last, levels) = (hierarchy.last().unwrap(), levels_of_pages(count));
-            let highest = (hierarchy.len() * HALVINGS) as u32;
+            let highest = (hierarchy.len() * HALVINGS) as u16;
             assert_eq!((levels.len(), levels[0], *levels.last().unwrap()), (end + 1, 0, highest), "{count}");
             assert!((0..=highest).all(|level| levels.contains(&level)), "{count}");
             assert!(last.groups() == 1 && last.above().nodes <= PAGE);
@@ -192,12 +192,12 @@ mod tests {
                 assert_eq!(subtree.len(), coarsest + 1, "{count}");
                 for (level, pages) in subtree.iter().enumerate() {
                     for page in pages.iter().cloned().flatten() {
-                        assert_eq!(levels[page], level as u32, "page {page} of {count}");
+                        assert_eq!(levels[page], level as u16, "page {page} of {count}");
                         seen[page] += 1;
                     }
                 }
             }
-            let is_once = seen.iter().zip(&levels).all(|(seen, level)| *seen == i32::from(*level <= coarsest as u32));
+            let is_once = seen.iter().zip(&levels).all(|(seen, level)| *seen == i32::from(*level <= coarsest as u16));
             assert!(is_once, "{count}");
         }
     }

@@ -6,6 +6,7 @@
 //! - `output` - the pages of the file
 //! - `hierarchy` - builds the levels of detail group by group
 //! - `hierarchy_layout` - the pages of each group, and of subtrees
+//! - `source_levels` - levels of detail that the source has
 //! - `group_checkpoint` - outputs of finished groups, kept for another run
 
 mod buckets;
@@ -16,7 +17,9 @@ mod hierarchy;
 mod hierarchy_layout;
 mod in_order;
 mod output;
+mod source_levels;
 
 pub use convert::{Blocks, Finished, Job, LEAST_MEMORY, Settings, Take, write_blocks, write_whole};
 pub use hierarchy_layout::{Subtree, levels_of_pages, subtrees};
 pub use in_order::write_in_order;
+pub use source_levels::write_source_levels;

@@ -7,10 +7,14 @@ use anyhow::{Result, ensure};
 use rayon::prelude::*;
 use twox_hash::XxHash3_64;
 
+use super::group_checkpoint::GroupBounds;
 use crate::files::{read_exact_at, write_all_at};
 use crate::host_memory::host_zeros;
+use crate::lod::Node;
 use crate::packing::{Layout, Shape};
-use crate::pagefile::{Entry, HEADER, Header, LodSections, PAGE, Page, PageLod, PageWords};
+use crate::pagefile::{
+    Entry, HEADER, Header, LEVEL_WORDS, LodSections, NO_NODE, PAGE, Page, PageLod, PageWords, level_words,
+};
 use crate::scene::Gaussians;
 
 /// A page file that is being written. Pages are written in any order, on many threads.
@@ -22,6 +26,9 @@ pub struct Output<'f> {
     /// Byte offsets of the three streams and of the table of levels.
     pub(crate) offsets: [u64; 4],
 }
+
+/// The largest opacity that fits into 16-bit floats, with room for rounding.
+pub const MOST_OPACITY: f32 = 60_000.0;
 
 /// Pages that a thread packs at a time.
 const BATCH_PAGES: usize = 16;
@@ -101,6 +108,41 @@ impl<'f> Output<'f> {
             write_all_at(self.file, bytemuck::cast_slice(words), offset + (first * each * 4) as u64)?;
         }
         write_all_at(self.file, entries, (HEADER + first * Entry::BYTES) as u64)
+    }
+
+    /// Writes the words of levels of a page with these nodes, Gaussians of the scene or others, whose own errors and
+    /// parents' errors are codes. Returns its entry in the table of levels, which lacks the page of the parents.
+    pub fn write_words(
+        &self,
+        page: usize,
+        (nodes, is_scene): (&[Node], bool),
+        [own, parents]: [&[u16]; 2],
+        bounds: &GroupBounds,
+    ) -> io::Result<PageLod> {
+        let mut words = vec![0; LEVEL_WORDS * PAGE];
+        for (k, words) in words.as_chunks_mut::<LEVEL_WORDS>().0.iter_mut().enumerate() {
+            *words = match nodes.get(k) {
+                None => NO_NODE,
+                Some(node) => {
+                    let opacities = [node.opacity, node.opacity_sum].map(|value| value.min(MOST_OPACITY));
+                    level_words(own[k], parents[k], (!is_scene).then_some(opacities))
+                }
+            };
+        }
+        let checksum = sealed(&mut words);
+        let [.., words_at, _] = self.offsets;
+        let bytes: &[u8] = bytemuck::cast_slice(&words);
+        write_all_at(self.file, bytes, words_at + (page * bytes.len()) as u64)?;
+        let GroupBounds { low, high, reference_width, own_reference_width } = *bounds;
+        let lod = PageLod::of(nodes, [own, parents], (own_reference_width / reference_width).min(1.0).powi(2));
+        let highest_opacity = lod.highest_opacity.min(MOST_OPACITY);
+        Ok(PageLod { low, high, reference_width, highest_opacity, checksum, ..lod })
+    }
+
+    /// Writes the entry of a page in the table of levels.
+    pub fn write_lod(&self, page: usize, lod: &PageLod) -> io::Result<()> {
+        let [.., table_at] = self.offsets;
+        write_all_at(self.file, &lod.encoded(), table_at + (page * PageLod::BYTES) as u64)
     }
 
     /// The header with the offsets of this file.

@@ -114,9 +114,8 @@ impl LodSelector {
         };
         let mut cmd = Commands::new(device)?;
         cmd.upload(&selector.boxes, 0, count, |memory| {
-            let of_scene = |((scene, _), views): ((Range<usize>, usize), Range<u32>)| {
-                scene.map(move |number| page_box(pages, number, &views))
-            };
+            let of_scene =
+                |(scene, views): (Range<usize>, Range<u32>)| scene.map(move |number| page_box(pages, number, &views));
             let boxes = pages.scenes().into_iter().zip(scene.views_of_scenes()).flat_map(of_scene);
             memory.iter_mut().zip(boxes).for_each(|(to, from)| *to = from);
         })?;

@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use crate::lod::CODES_PER_OCTAVE;
-use crate::pagefile::write::levels_of_pages;
 use crate::pagefile::{PARTS, Page, PageLod, Pages};
 use crate::render::shaders::{PageBox, PageErrors};
 use crate::rules::LOW_PASS;
@@ -39,23 +38,17 @@ pub fn page_box(pages: &Pages, number: usize, views: &Range<u32>) -> PageBox {
 
 /// The errors of all pages. Without levels of detail, the errors of a page put it in every cut.
 pub fn errors_of_pages(pages: &Pages) -> Vec<PageErrors> {
-    // A scene without levels has its own pages only.
-    let numbers = |(pages, count): (Range<usize>, usize)| {
-        let mut numbers = levels_of_pages(count);
-        numbers.truncate(pages.len());
-        numbers
-    };
-    let numbers = pages.scenes().into_iter().flat_map(numbers).enumerate();
-    numbers.map(|(page, number)| page_errors(pages.pages()[page].count, &pages.level(page), number)).collect()
+    let pages = pages.pages().iter().enumerate().map(|(number, page)| (page, pages.level(number)));
+    pages.map(|(page, level)| page_errors(page.count, &level)).collect()
 }
 
-fn page_errors(count: u32, level: &PageLod, number: u32) -> PageErrors {
+fn page_errors(count: u32, level: &PageLod) -> PageErrors {
     let pairs =
         |codes: [u16; PARTS]| std::array::from_fn(|i| u32::from(codes[2 * i]) | u32::from(codes[2 * i + 1]) << 16);
     PageErrors {
         parent: level.parent,
         count,
-        level: number,
+        level: level.level.into(),
         least_error: level.least_error.into(),
         errors: pairs(level.errors),
         parent_errors: pairs(level.parent_errors),

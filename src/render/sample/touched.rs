@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::options::Options;
-use crate::pagefile::PAGE;
 use crate::render::frame::DepthKeys;
 use crate::render::pages::{PageCuller, PlacedCamera};
 use crate::render::patches::{PATCH_PX, Patches};
@@ -36,12 +35,11 @@ pub fn touched_patches(scene: &GpuScene, camera: &Camera, options: &Options) -> 
     };
     let cameras: Vec<_> = scene.transforms().iter().map(|place| PlacedCamera::of(camera, place)).collect();
     let (mut by_gaussians, mut by_nodes) = (Counts::new(columns, rows), Counts::new(columns, rows));
-    for ((numbers, gaussians), views) in pages.scenes().into_iter().zip(scene.views_of_scenes()) {
-        let first_node = numbers.start + gaussians.div_ceil(PAGE);
+    for (numbers, views) in pages.scenes().into_iter().zip(scene.views_of_scenes()) {
         let all: Vec<_> = numbers.flat_map(|page| views.clone().map(move |view| (page, view))).collect();
         let seen = all.par_iter().with_min_len(1024).filter_map(|(page, view)| {
             let seen = culler.page(*page as u32, &pages.pages()[*page], *view, &cameras[*view as usize])?;
-            Some((*page < first_node, [seen.columns, seen.rows]))
+            Some((pages.level(*page).level == 0, [seen.columns, seen.rows]))
         });
         for (is_of_gaussians, rectangle) in seen.collect::<Vec<_>>() {
             (if is_of_gaussians { &mut by_gaussians } else { &mut by_nodes }).add(rectangle);

@@ -265,10 +265,14 @@ impl GpuScene {
         cache.load(device, &first)?;
         let mut geometry = vec![0; first.len() * pages.geometry_words()];
         pages.read_geometry(0..first.len(), &mut geometry)?;
-        let elements = geometry.chunks(pages.geometry_words()).flat_map(|page| page.as_chunks::<4>().0[..PAGE].iter());
-        let count = pages.statistics().count;
+        let means_of = |(number, words): (usize, &[u32])| {
+            let page = pages.pages()[number];
+            let count = if pages.level(number).level == 0 { page.count as usize } else { 0 };
+            words.as_chunks::<4>().0[..count].iter().map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect()
+        };
         let means: Vec<_> =
-            elements.take(pages.scenes()[0].1).map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect();
+            geometry.chunks(pages.geometry_words()).enumerate().flat_map::<Vec<_>, _>(means_of).collect();
+        let count = pages.statistics().count;
         let hash = blake3::hash(bytemuck::cast_slice(&geometry));
         let tested = SelfTestInput { camera: self_test_camera(&means, options.rules.near), hash };
         let scene = Self {

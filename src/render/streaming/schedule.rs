@@ -113,6 +113,7 @@ mod tests {
             high: [x; 3],
             reference_width: 0.0,
             parent,
+            level: 0,
             highest_opacity: 1.0,
             least_error: 0,
             errors: [0; PARTS],

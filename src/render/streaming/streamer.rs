@@ -399,7 +399,7 @@ fn pinned_pages(cache: &PageCache) -> Result<Vec<u32>> {
     let (scenes, levels) = (cache.pages().scenes(), levels(cache.pages()));
     let most = (PINNED_PAGES / scenes.len()).min(cache.capacity().div_ceil(4 * scenes.len())).max(1);
     let is_pinned = |page: usize, end: usize| page + most >= end || levels[page].parent == NO_PAGE;
-    let of_scene = |(pages, _): (Range<usize>, usize)| {
+    let of_scene = |pages: Range<usize>| {
         let end = pages.end;
         pages.filter(move |page| is_pinned(*page, end)).map(|page| page as u32)
     };
@@ -415,7 +415,7 @@ fn pinned_pages(cache: &PageCache) -> Result<Vec<u32>> {
 
 fn hierarchy(pages: &Pages) -> PageHierarchy {
     let scenes = pages.scenes();
-    PageHierarchy::new(levels(pages), |page| scenes.partition_point(|(of_scene, _)| of_scene.end <= page))
+    PageHierarchy::new(levels(pages), |page| scenes.partition_point(|of_scene| of_scene.end <= page))
 }
 
 fn levels(pages: &Pages) -> &[PageLod] {

@@ -1,0 +1,151 @@
+//! Writes page files with the levels of detail of a source, in which a leaf of a tree has all of its Gaussians at one
+//! level.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context, Result};
+use rayon::prelude::*;
+
+use super::convert::{Finished, Job, PAGES, STATE, check_count, complete};
+use super::group_checkpoint::GroupBounds;
+use super::output::Output;
+use crate::files::Checkpoint;
+use crate::formats::{Leaf, StreamedLevels};
+use crate::lod::{FINEST, NEVER, Nodes, Residual, code_of, residual};
+use crate::packing::Statistics;
+use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageLod};
+use crate::scene::{Gaussians, along_curve};
+
+/// Writes a scene with the levels of its source. Each leaf is a group, of which all nodes of a level have one error,
+/// so that exactly one level of a leaf is drawn. The errors are measured.
+///
+/// # Errors
+/// If the file cannot be written; [`Cancelled`](crate::scene::Cancelled).
+pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finished> {
+    let StreamedLevels { scene, coarser, leaves } = levels;
+    let count = scene.gaussians.len();
+    check_count(count + coarser.len())?;
+    let checkpoint = Checkpoint::beside(job.output, STATE)?;
+    checkpoint.clear()?;
+    let own = Statistics::of(&scene.gaussians);
+    let both = match coarser.is_empty() {
+        true => own.clone(),
+        false => Statistics::joined([&own, &Statistics::of(coarser)].into_iter()),
+    };
+    let statistics = job.statistics(Statistics { count, focus: own.focus, ..both });
+    let layout = job.layout(&statistics);
+    let pages_of = |leaf: &Leaf| {
+        [leaf.finest.len().div_ceil(PAGE), leaf.coarser.iter().map(|level| level.len().div_ceil(PAGE)).sum()]
+    };
+    let [scene_pages, pages] = leaves.iter().map(pages_of).fold([0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    let sections = LodSections { pages, scene_pages: Some(scene_pages), words_at: 0, table_at: 0, checksum: 0 };
+    let header = Header { levels: Some(sections), ..job.header(scene, statistics, layout) };
+    let file = checkpoint.file(PAGES)?;
+    let output = Output::new(&file, (&header.layout, header.alpha_min), header.pages());
+
+    let mut next = [0, scene_pages];
+    let begin = |leaf: &Leaf| {
+        let [finest, coarser] = pages_of(leaf);
+        let first = next;
+        next = [next[0] + finest, next[1] + coarser];
+        first
+    };
+    let first_pages: Vec<[usize; 2]> = leaves.iter().map(begin).collect();
+    let done = AtomicUsize::new(0);
+    leaves.par_iter().zip(first_pages).try_for_each(|(leaf, first)| {
+        job.check()?;
+        let written = LeafWriter { output: &output, levels, leaf }.write(first);
+        written.with_context(|| format!("cannot write {}", job.output.display()))?;
+        let done = leaf.finest.len() + done.fetch_add(leaf.finest.len(), Ordering::Relaxed);
+        (job.progress)(done as f64 / count as f64);
+        anyhow::Ok(())
+    })?;
+    complete(checkpoint, &output, header.clone())?;
+    Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices.clone() })
+}
+
+struct LeafWriter<'w> {
+    output: &'w Output<'w>,
+    levels: &'w StreamedLevels,
+    leaf: &'w Leaf,
+}
+
+/// One level of a leaf.
+struct Level<'l> {
+    gaussians: &'l Gaussians,
+    /// Indices of the Gaussians in the order of the pages.
+    order: Vec<u32>,
+    nodes: Nodes,
+    /// The code of the error of all nodes.
+    error: u16,
+    reference_width: f32,
+}
+
+impl<'l> Level<'l> {
+    fn of(gaussians: &'l Gaussians, range: &Range<usize>) -> Self {
+        let order = along_curve(&gaussians.means()[range.clone()]);
+        let order: Vec<u32> = order.into_iter().map(|index| index + range.start as u32).collect();
+        let nodes = Nodes::of(gaussians, order.iter().map(|index| *index as usize));
+        Self { gaussians, order, nodes, error: FINEST, reference_width: 0.0 }
+    }
+
+    /// Sets the error against the next finer level, and that against the scene.
+    fn measure(&mut self, finer: &Self) {
+        let Residual { squared_errors, reference_width } = residual(&finer.nodes, &self.nodes);
+        let squared_error: f64 = squared_errors.iter().sum();
+        let saved = finer.nodes.len().saturating_sub(self.nodes.len()).max(1);
+        // Above that of the scene, so that the scene is drawn where no error is allowed.
+        self.error = code_of((squared_error / saved as f64).sqrt()).max(finer.error).max(FINEST + 1);
+        self.reference_width = reference_width as f32;
+        // In pixels of the reference width of this level, the errors of the finer ones have fallen.
+        let fallen = (finer.reference_width / self.reference_width).min(1.0).powi(2);
+        let of_finer: f32 = finer.nodes.nodes.iter().map(|node| node.squared_error).sum();
+        let each = (of_finer * fallen + squared_error as f32) / self.nodes.len() as f32;
+        self.nodes.nodes.iter_mut().for_each(|node| node.squared_error = each);
+    }
+}
+
+impl LeafWriter<'_> {
+    /// Writes the pages of the finest level from the page `finest` on, and those of the others from `coarser` on.
+    fn write(&self, [finest, coarser]: [usize; 2]) -> Result<()> {
+        let StreamedLevels { scene, coarser: gaussians, .. } = self.levels;
+        let mut levels = vec![Level::of(&scene.gaussians, &self.leaf.finest)];
+        for range in &self.leaf.coarser {
+            let mut level = Level::of(gaussians, range);
+            level.measure(&levels[levels.len() - 1]);
+            levels.push(level);
+        }
+        let around = levels.iter().map(|level| GroupBounds::around(&level.nodes)).reduce(GroupBounds::union);
+        let reference_width = levels.iter().map(|level| level.reference_width).fold(0.0, f32::max);
+        let bounds = GroupBounds { reference_width, ..around.expect("a leaf has levels") };
+        let (mut first, mut next) = (finest, coarser);
+        for (number, level) in levels.iter().enumerate() {
+            let above = levels.get(number + 1);
+            let parent = if above.is_some() { next as u32 } else { NO_PAGE };
+            self.write_level((number, level), first, (above.map_or(NEVER, |above| above.error), parent), bounds)?;
+            (first, next) = (next, next + above.map_or(0, |above| above.order.len().div_ceil(PAGE)));
+        }
+        Ok(())
+    }
+
+    /// Writes a level from page `first` on.
+    fn write_level(
+        &self,
+        (number, level): (usize, &Level),
+        first: usize,
+        (parent_error, parent): (u16, u32),
+        bounds: GroupBounds,
+    ) -> Result<()> {
+        // Indices of nodes follow those of the scene.
+        let before = if number == 0 { 0 } else { self.levels.scene.gaussians.len() as u32 };
+        self.output.write(first, level.gaussians, &level.order, |index| before + index)?;
+        let bounds = GroupBounds { own_reference_width: level.reference_width, ..bounds };
+        for (i, nodes) in level.nodes.nodes.chunks(PAGE).enumerate() {
+            let codes = [level.error, parent_error].map(|code| vec![code; nodes.len()]);
+            let lod = self.output.write_words(first + i, (nodes, number == 0), [&codes[0], &codes[1]], &bounds)?;
+            self.output.write_lod(first + i, &PageLod { parent, level: number as u16, ..lod })?;
+        }
+        Ok(())
+    }
+}
