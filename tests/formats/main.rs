@@ -14,6 +14,7 @@ mod example;
 mod georeferenced;
 mod gltf_nodes;
 mod independent;
+mod kept_levels;
 mod lenses;
 mod named_files;
 mod packed;

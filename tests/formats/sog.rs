@@ -24,7 +24,7 @@ fn unpacked(name: &str) -> TempDir {
     folder
 }
 
-fn copied(name: &str) -> TempDir {
+pub fn copied(name: &str) -> TempDir {
     fn copy(from: &Path, to: &Path) {
         for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
             let target = to.join(entry.file_name());
@@ -41,7 +41,7 @@ fn copied(name: &str) -> TempDir {
     folder
 }
 
-fn change(json: &Path, change: impl FnOnce(&mut Value)) {
+pub fn change(json: &Path, change: impl FnOnce(&mut Value)) {
     let mut value = serde_json::from_slice(&fs::read(json).unwrap()).unwrap();
     change(&mut value);
     fs::write(json, value.to_string()).unwrap();

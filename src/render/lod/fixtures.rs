@@ -3,22 +3,49 @@
 use std::cell::OnceCell;
 use std::sync::{Arc, Condvar, LazyLock, Mutex};
 
+use anyhow::Result;
+
+use crate::formats::{Leaf, StreamedLevels};
 use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
 use crate::pagefile::PageFile;
-use crate::pagefile::write::{Job, Settings, write_whole};
+use crate::pagefile::write::{Finished, Job, Settings, write_source_levels, write_whole};
 use crate::pixels::Pixels;
 use crate::procedural::cactus;
 use crate::render::scene::{GpuScene, SceneSource, Upload};
-use crate::scene::{Gaussians, Random, Scene, SceneInstances, Transform, sh_coefficients};
+use crate::scene::{Gaussians, Random, Scene, SceneInstances, Transform, along_curve, sh_coefficients};
 
 /// Writes a scene to a page file with levels of detail.
 pub(crate) fn with_levels(scene: Scene, options: Options) -> Arc<PageFile> {
+    written(options, |job| write_whole(job, &scene))
+}
+
+/// Writes a scene to a page file with levels as those of a streamed SOG: a third and a ninth of the Gaussians of each
+/// leaf.
+pub(crate) fn with_source_levels(scene: Scene, options: Options) -> Arc<PageFile> {
+    const LEAF: usize = 5000;
+    let gaussians = scene.gaussians.selected(&along_curve(scene.gaussians.means())).unwrap();
+    let (mut leaves, mut of_coarser) = (Vec::new(), Vec::new());
+    for begin in (0..gaussians.len()).step_by(LEAF) {
+        let finest = begin..gaussians.len().min(begin + LEAF);
+        let coarser = [3, 9].map(|step| {
+            let first = of_coarser.len();
+            of_coarser.extend(finest.clone().step_by(step).map(|index| index as u32));
+            first..of_coarser.len()
+        });
+        leaves.push(Leaf { finest, coarser: coarser.to_vec() });
+    }
+    let coarser = gaussians.selected(&of_coarser).unwrap();
+    let levels = StreamedLevels { scene: Scene { gaussians, ..scene }, coarser, leaves };
+    written(options, |job| write_source_levels(job, &levels))
+}
+
+fn written(options: Options, write: impl FnOnce(&Job) -> Result<Finished>) -> Arc<PageFile> {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("levels.smalto");
     let settings = Settings { options, has_levels: true, ..Settings::default() };
     let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
-    write_whole(&job, &scene).unwrap();
+    write(&job).unwrap();
     // The open file outlives the folder.
     Arc::new(PageFile::open(&output).unwrap())
 }

@@ -11,7 +11,7 @@ use crate::pixels::Pixels;
 use crate::procedural::cactus;
 use crate::render::capacity::Capacity;
 use crate::render::inspect::{Attribute, Inspection};
-use crate::render::lod::fixtures::{open, opened_scene, with_levels};
+use crate::render::lod::fixtures::{open, opened_scene, with_levels, with_source_levels};
 use crate::render::renderer::Renderer;
 use crate::render::scene::GpuScene;
 use crate::rules::{Background, Rules};
@@ -72,12 +72,13 @@ fn waited_for(device: &Device, scene: &GpuScene, options: &Options, camera: &Cam
 fn streamed_frames_become_equal_to_frames_that_wait() {
     let scene = cactus::cactus(60_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
+    let of_source = with_source_levels(cactus::cactus(60_000).unwrap(), Settings::LOSSLESS);
     let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
     let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
     let plain = Options { rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
-    for places in [&[][..], &[Transform::IDENTITY, beside]] {
+    for (file, places) in [(&file, &[][..]), (&file, &[Transform::IDENTITY, beside]), (&of_source, &[])] {
         for options in [plain.finest(), Options { splats: 20_000, ..plain }] {
-            let scene = opened_scene(&device, &file, places, &options);
+            let scene = opened_scene(&device, file, places, &options);
             let mut renderer = streaming(&device, &scene, &options);
             let first = renderer.residency().unwrap();
             assert!(first.resident < first.capacity, "{first:?}");

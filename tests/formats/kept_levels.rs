@@ -1,0 +1,180 @@
+//! Page files with the levels of a streamed SOG: they hold all of its levels, and one of each leaf is in every cut.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use serde_json::{Value, json};
+use smalto::formats::{self, Reading};
+use smalto::lod::NEVER;
+use smalto::pagefile::{NO_PAGE, PageFile, nodes_of, static_level};
+use smalto::scene::{Gaussians, NoLevel, Watch};
+
+use super::sog::{change, copied};
+use crate::common::program::{fails, ok, path};
+use crate::common::table::{fixture, read};
+
+fn level(folder: &Path, level: u32) -> Gaussians {
+    Reading { level: Some(level), ..Reading::default() }.read(folder).unwrap().gaussians
+}
+
+/// Means with opacities and colours, in an order of their own.
+fn sorted(gaussians: &Gaussians) -> Vec<([f32; 3], f32, [f32; 3])> {
+    let row = |i: usize| (gaussians.means()[i], gaussians.opacities()[i], gaussians.sh(i)[0]);
+    let mut rows: Vec<_> = (0..gaussians.len()).map(row).collect();
+    rows.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    rows
+}
+
+#[test]
+fn all_levels_of_a_streamed_sog_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let [streamed, out] = ["streamed/lod-meta.json", "a.smalto"].map(|name| path(&folder, name));
+    ok(&["lod", "cactus:40000", "-o", &streamed]);
+    let said = ok(&["lod", &streamed, "--keep-levels", "-o", &out]);
+    assert!(said.contains("pages of streamed SOG, all levels, 40000 Gaussians"), "{said}");
+    let (file, streamed) = (PageFile::open(Path::new(&out)).unwrap(), folder.path().join("streamed"));
+    assert!(file.header().has_source_levels());
+    assert!(read_pages(&out) == level(&streamed, 0), "the scene, in its order");
+    let lods = file.levels().unwrap();
+    for number in 0..6 {
+        let pages = (0..lods.len()).filter(|page| u32::from(lods[*page].level) == number);
+        let found = nodes_of(&file, &pages.map(|page| page..page + 1).collect::<Vec<_>>()).unwrap();
+        // Opacities of nodes have 512 steps for each power of two.
+        let (found, expected) = (sorted(&found), sorted(&level(&streamed, number)));
+        assert_eq!(found.len(), expected.len(), "level {number}");
+        for (found, expected) in found.iter().zip(&expected) {
+            assert_eq!((found.0, found.2), (expected.0, expected.2), "level {number}");
+            assert!((found.1 / expected.1 - 1.0).abs() < 1e-3, "level {number}: {} {}", found.1, expected.1);
+        }
+    }
+    for (page, lod) in lods.iter().enumerate() {
+        let errors = [lod.least_error, lod.errors[7]];
+        assert!(errors[0] == errors[1] && lod.parent_errors[0] == lod.parent_errors[7], "one error of a level");
+        assert_eq!(errors[0] == 0, lod.level == 0);
+        assert_eq!(page < file.header().scene_pages(), lod.level == 0);
+        if lod.parent == NO_PAGE {
+            assert_eq!((lod.level, lod.parent_errors[0]), (5, NEVER));
+        } else {
+            let parent = lods[lod.parent as usize];
+            assert_eq!((parent.low, parent.high, parent.level), (lod.low, lod.high, lod.level + 1), "of the same leaf");
+            assert_eq!(parent.least_error, lod.parent_errors[0]);
+            assert!(parent.least_error >= lod.least_error);
+        }
+    }
+    // A second run makes the same file.
+    let again = path(&folder, "b.smalto");
+    ok(&["lod", &streamed.join("lod-meta.json").display().to_string(), "--keep-levels", "-o", &again]);
+    assert!(fs::read(&out).unwrap() == fs::read(&again).unwrap());
+}
+
+fn read_pages(path: &str) -> Gaussians {
+    smalto::pagefile::read(&Reading::default(), Path::new(path), &Watch::NONE).unwrap().gaussians
+}
+
+/// Exactly one level of each leaf is in a cut, and the environment is in every cut.
+#[test]
+fn a_cut_has_one_level_of_each_leaf() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(&folder, "a.smalto");
+    ok(&["lod", fixture("lod").to_str().unwrap(), "--keep-levels", "-o", &out]);
+    let file = PageFile::open(Path::new(&out)).unwrap();
+    assert_eq!(file.statistics().count, 305 + 61);
+    assert_eq!([file.header().scene_pages(), file.pages().len()], [3, 5], "a leaf has pages of its own");
+    // The leaves have 163 and 142 Gaussians, or 50 and 72.
+    let cut = |most: usize| static_level(&file, most, &Watch::NONE).map(|scene| scene.gaussians.len());
+    assert_eq!(cut(366).unwrap(), 366);
+    assert_eq!(cut(183).unwrap(), 50 + 72 + 61);
+    let [first, second] = [50 + 142 + 61, 163 + 72 + 61];
+    assert!([first, second].contains(&cut(365).unwrap()), "{}", cut(365).unwrap());
+    let error = cut(182).unwrap_err();
+    assert!(error.to_string().contains("the coarsest level has 183 Gaussians, more than 182"), "{error}");
+}
+
+/// A leaf whose coarser Gaussians cannot be drawn has its finest level only.
+#[test]
+fn gaussians_that_cannot_be_drawn_leave_the_other_levels() {
+    let (streamed, folder) = (copied("lod"), tempfile::tempdir().unwrap());
+    // Colours have no values but the first one of the codebook.
+    change(&streamed.path().join("1_0/meta.json"), |meta| meta["sh0"]["codebook"] = json!([0.5]));
+    let levels = Reading::default().read_levels(streamed.path(), &Watch::NONE).unwrap();
+    let report = levels.scene.report;
+    assert_eq!((report.read, report.dropped()), (366, 0), "the report is of the scene");
+    assert_eq!(levels.coarser.len(), 0);
+    assert_eq!(levels.leaves.iter().map(|leaf| leaf.coarser.len()).collect::<Vec<_>>(), [0; 3]);
+    let out = path(&folder, "a.smalto");
+    ok(&["lod", streamed.path().to_str().unwrap(), "--keep-levels", "-o", &out]);
+    let file = PageFile::open(Path::new(&out)).unwrap();
+    assert_eq!(file.pages().len(), file.header().scene_pages());
+    assert!(read_pages(&out) == read(streamed.path()).gaussians);
+}
+
+#[test]
+fn ranges_that_contradict_the_files_are_refused() {
+    type Change = fn(&mut Value);
+    let cases: Vec<(&str, Change)> = vec![
+        ("overlap", |m| m["tree"]["children"][1]["lods"]["0"]["offset"] = json!(162)),
+        ("gap", |m| m["tree"]["children"][1]["lods"]["0"]["offset"] = json!(164)),
+        ("short", |m| m["tree"]["children"][1]["lods"]["0"]["count"] = json!(141)),
+        ("long", |m| m["tree"]["children"][1]["lods"]["0"]["count"] = json!(u64::MAX)),
+        ("missing", |m| drop(m["tree"]["children"][0]["lods"].as_object_mut().unwrap().remove("0"))),
+    ];
+    for (name, lie) in cases {
+        let folder = copied("lod");
+        change(&folder.path().join("lod-meta.json"), lie);
+        let error = Reading::default().read_levels(folder.path(), &Watch::NONE).err().expect(name).to_string();
+        let expected = "lod-meta.json does not assign each of the 305 Gaussians of 0_0/meta.json once";
+        assert!(error.contains(expected), "{name}: {error}");
+    }
+    let folder = copied("lod");
+    change(&folder.path().join("lod-meta.json"), |meta| meta["tree"] = json!({}));
+    let error = Reading::default().read_levels(folder.path(), &Watch::NONE).err().unwrap().to_string();
+    assert!(error.contains("the tree in lod-meta.json has no Gaussians"), "{error}");
+}
+
+/// Files may hold several levels, and a leaf may lack some.
+#[test]
+fn a_file_may_hold_several_levels() {
+    let folder = copied("lod");
+    change(&folder.path().join("lod-meta.json"), |meta| {
+        let leaf = |lods: Value| json!({ "lods": lods });
+        let range = |file: u32, offset: u32, count: u32| json!({ "file": file, "offset": offset, "count": count });
+        meta["tree"]["children"] = json!([
+            leaf(json!({ "0": range(0, 0, 163), "2": range(0, 163, 142) })),
+            leaf(json!({ "1": range(1, 0, 50), "4": range(1, 50, 72), "5": range(1, 122, 0) })),
+        ]);
+    });
+    assert!(formats::read(folder.path()).unwrap_err().to_string().contains("files of several levels"));
+    let levels = Reading::default().read_levels(folder.path(), &Watch::NONE).unwrap();
+    let [first, second] = ["lod/0_0", "lod/1_0"].map(|name| read(&fixture(name)).gaussians);
+    let around = read(&fixture("lod/env/meta.json")).gaussians;
+    let (scene, coarser) = (levels.scene.gaussians.means(), levels.coarser.means());
+    assert_eq!(scene, [&first.means()[..163], &second.means()[..50], around.means()].concat());
+    assert_eq!(coarser, [&first.means()[163..], &second.means()[50..]].concat());
+    let ranges: BTreeMap<_, _> = levels.leaves.iter().map(|leaf| (leaf.finest.start, leaf.coarser.clone())).collect();
+    assert_eq!(ranges, BTreeMap::from([(0, vec![0..142]), (163, vec![142..214]), (213, vec![])]));
+}
+
+#[test]
+fn what_has_no_levels_to_keep_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, streamed) = (path(&folder, "a.smalto"), fixture("lod").display().to_string());
+    for scene in ["cactus:10".to_owned(), fixture("plush.sog").display().to_string()] {
+        let error = fails(2, &["lod", &scene, "--keep-levels", "-o", &out]);
+        assert!(error.contains(&format!("--keep-levels needs a lod-meta.json, and {scene} is none")), "{error}");
+    }
+    let error = Reading::default().read_levels(&fixture("plush.v1/meta.json"), &Watch::NONE).err().unwrap();
+    assert!(error.is::<NoLevel>(), "{error}");
+    let error = fails(2, &["lod", &streamed, "--keep-levels", "--sog-level", "1", "-o", &out]);
+    assert!(error.contains("--keep-levels takes all levels, and --sog-level one of them"), "{error}");
+    let error = fails(2, &["lod", &streamed, "--keep-levels", "-o", &path(&folder, "lod-meta.json")]);
+    assert!(error.contains("--keep-levels writes a .smalto file"), "{error}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    // A level of the kept ones is written as any scene; levels of a streamed SOG are made anew.
+    let one = path(&folder, "one.ply");
+    ok(&["lod", &streamed, "--keep-levels", "--splats", "183", "-o", &one]);
+    assert_eq!(read(Path::new(&one)).gaussians.len(), 183);
+    ok(&["lod", &streamed, "--keep-levels", "-o", &out]);
+    ok(&["lod", &out, "-o", &path(&folder, "new/lod-meta.json")]);
+    assert_eq!(level(&folder.path().join("new"), 0).len(), 366);
+}
