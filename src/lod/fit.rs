@@ -33,19 +33,30 @@ struct View {
     parents: Splats,
 }
 
-/// The pixel width in which parents are fitted: the width of the median parent, world units.
-fn pixel_width(parents: &Nodes, children: &Nodes) -> f64 {
+/// The pixel width of pictures: the width of the median parent, world units, with at most `most_px` along the diagonal.
+pub fn pixel_width(parents: &Nodes, children: &Nodes, most_px: f64) -> f64 {
     let (low, high) = children.bounds();
     let diagonal = (0..3).map(|i| f64::from(high[i] - low[i]).powi(2)).sum::<f64>().sqrt();
-    parents.width().max(diagonal / MOST_PX).max(1e-18)
+    parents.width().max(diagonal / most_px).max(1e-18)
+}
+
+/// The reference pixel width by the sums of [`Difference`], world units.
+pub fn reference_width(sums: [f64; 3], px: f64) -> f64 {
+    // If pixels of 4 px keep the fraction e of the difference, it falls with the square beyond 4 px sqrt(e).
+    let kept = if sums[0] > 0.0 { (sums[2] / sums[0]).sqrt() } else { 1.0 };
+    px * (4.0 * kept).clamp(0.5, 4.0)
 }
 
 /// Fits the new parents that pictures show, and measures all new ones. The others are copies of their child.
 pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Residual {
-    let px = pixel_width(parents, children);
+    let px = pixel_width(parents, children, MOST_PX);
     let widths = Vec::from_iter(parents.nodes.iter().map(Node::width));
     let (mut drawing, mut residuals) = (Drawing::default(), Vec::new());
-    let views = views(children, parents, px, &mut drawing);
+    let views = directions().map(|direction| {
+        let window = Window::around(children, direction, px);
+        Splats::of(children, window).draw(children, &mut drawing);
+        View { width: window.width, children: drawing.pixels.clone(), parents: Splats::of(parents, window) }
+    });
     let is_fitted = |i: usize| is_new[i] && widths[i] >= LEAST_PX * px;
     for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
         let mut corrections = vec![Correction::default(); parents.len()];
@@ -55,21 +66,6 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Residual {
         }
     }
     measure(&views, (parents, is_new), px, &mut drawing)
-}
-
-/// Measures nodes as they are against those that they stand for.
-pub fn residual(children: &Nodes, parents: &Nodes) -> Residual {
-    let (px, mut drawing) = (pixel_width(parents, children), Drawing::default());
-    let views = views(children, parents, px, &mut drawing);
-    measure(&views, (parents, &vec![true; parents.len()]), px, &mut drawing)
-}
-
-fn views(children: &Nodes, parents: &Nodes, px: f64, drawing: &mut Drawing) -> [View; 6] {
-    directions().map(|direction| {
-        let window = Window::around(children, direction, px);
-        Splats::of(children, window).draw(children, drawing);
-        View { width: window.width, children: drawing.pixels.clone(), parents: Splats::of(parents, window) }
-    })
 }
 
 /// The correction of one parent in one round.
@@ -163,9 +159,7 @@ fn measure(views: &[View], (parents, is_new): (&Nodes, &[bool]), px: f64, drawin
             .filter(|(_, is_new)| **is_new)
             .for_each(|(squared_error, _)| *squared_error += rest);
     }
-    // If pixels of 4 px keep the fraction e of the difference, it falls with the square beyond 4 px sqrt(e).
-    let kept = if sums[0] > 0.0 { (sums[2] / sums[0]).sqrt() } else { 1.0 };
-    Residual { squared_errors, reference_width: px * (4.0 * kept).clamp(0.5, 4.0) }
+    Residual { squared_errors, reference_width: reference_width(sums, px) }
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! - `density`, `neighbours` - the cost of a merge, and the candidates
 //! - `merge` - the parent of several nodes
 //! - `fit` - fits parents to pictures of their children, and measures their errors
+//! - `replacement` - the error of whole groups of nodes that a source has in place of others
 //! - `raster`, `difference` - these small pictures, and their differences
 //! - `error_code` - errors in 16 bits
 //!
@@ -23,10 +24,11 @@ mod neighbours;
 mod node;
 mod pairs;
 mod raster;
+mod replacement;
 mod simplify;
 
 pub use difference::squared_difference;
 pub use error_code::{CODES_PER_OCTAVE, FINEST, LOWEST_EXPONENT, NEVER, code_below, code_of, value_of_code};
-pub use fit::{Residual, residual};
 pub use node::{Node, Nodes, median};
+pub use replacement::{Replacement, replacement};
 pub use simplify::{Simplified, simplify};

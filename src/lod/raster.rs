@@ -57,6 +57,17 @@ impl Window {
         Self::within(nodes, direction, px, MARGIN * px)
     }
 
+    /// Tiles of at most `side` x `side` px that cover this window.
+    pub fn tiles(self, side: usize) -> impl Iterator<Item = Self> {
+        let Self { width, height, .. } = self;
+        let starts = move |length: usize| (0..length).step_by(side);
+        starts(height).flat_map(move |y| starts(width).map(move |x| (x, y))).map(move |(x, y)| {
+            // In the axes of the direction.
+            let origin = self.origin + DVec3::new(x as f64, y as f64, 0.0) * self.px;
+            Self { origin, width: side.min(width - x), height: side.min(height - y), ..self }
+        })
+    }
+
     /// A window that reaches `margin` beyond all means, world units.
     pub fn within(nodes: &Nodes, direction: Direction, px: f64, margin: f64) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -73,7 +84,7 @@ impl Window {
 }
 
 /// A node in a window. It does not depend on the opacity and the colour, which are fitted.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Splat {
     mean: [f32; 2],
     /// The inverse covariance: xx, xy, yy.
@@ -85,13 +96,16 @@ struct Splat {
     higher_degrees: [f64; 3],
 }
 
+/// Standard deviations beyond which no alpha of a node is above the threshold, whatever its opacity.
+const MOST_DEVIATIONS: f64 = 6.0;
+
 /// Nodes in a window, front to back.
 pub struct Splats {
     window: Window,
     /// The basis function of degree 0.
     degree_0: f64,
     splats: Vec<Splat>,
-    /// Indices of the splats, front to back.
+    /// Indices of the splats that may be in the window, front to back.
     order: Vec<u32>,
 }
 
@@ -154,6 +168,15 @@ impl Splats {
         let (mut splats, mut depths) = (Vec::with_capacity(count), Vec::with_capacity(count));
         for (i, node) in nodes.nodes.iter().enumerate() {
             let centre = node.centre();
+            let mean =
+                [(right, window.origin.x), (down, window.origin.y)].map(|(axis, o)| (axis.dot(centre) - o) / window.px);
+            let reach =
+                MOST_DEVIATIONS * (f64::from(node.scale.into_iter().fold(0.0, f32::max)) / window.px + LOW_PASS.sqrt());
+            let sides = [window.width, window.height].map(|side| side as f64);
+            if (0..2).any(|i| mean[i] < -reach || mean[i] > sides[i] + reach) {
+                splats.push(Splat::default());
+                continue;
+            }
             let axes: DMat3 = node.axes();
             let (u, v) = (axes.transpose() * right / window.px, axes.transpose() * down / window.px);
             let sharp = u.cross(v).length_squared();
@@ -161,11 +184,7 @@ impl Splats {
             let determinant = a * c - b * b;
             let higher = || nodes.sh(i).iter().zip(basis).skip(1);
             splats.push(Splat {
-                mean: [
-                    (right.dot(centre) - window.origin.x) / window.px,
-                    (down.dot(centre) - window.origin.y) / window.px,
-                ]
-                .map(|v| v as f32),
+                mean: mean.map(|v| v as f32),
                 conic: [c, -b, a].map(|v| (v / determinant) as f32),
                 variance_y: c,
                 compensation: (sharp / determinant).sqrt(),

@@ -12,7 +12,7 @@ use super::group_checkpoint::GroupBounds;
 use super::output::Output;
 use crate::files::Checkpoint;
 use crate::formats::{Leaf, StreamedLevels};
-use crate::lod::{FINEST, NEVER, Nodes, Residual, code_of, residual};
+use crate::lod::{FINEST, NEVER, Nodes, Replacement, code_of, replacement};
 use crate::packing::Statistics;
 use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageLod};
 use crate::scene::{Gaussians, along_curve};
@@ -92,8 +92,7 @@ impl<'l> Level<'l> {
 
     /// Sets the error against the next finer level, and that against the scene.
     fn measure(&mut self, finer: &Self) {
-        let Residual { squared_errors, reference_width } = residual(&finer.nodes, &self.nodes);
-        let squared_error: f64 = squared_errors.iter().sum();
+        let Replacement { squared_error, reference_width } = replacement(&finer.nodes, &self.nodes);
         let saved = finer.nodes.len().saturating_sub(self.nodes.len()).max(1);
         // Above that of the scene, so that the scene is drawn where no error is allowed.
         self.error = code_of((squared_error / saved as f64).sqrt()).max(finer.error).max(FINEST + 1);
