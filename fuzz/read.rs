@@ -41,12 +41,13 @@ const fn subject(name: &'static str, reads: Reads, file: &'static str, beside: &
     Subject { name, reads, file, beside, is_gzip: false }
 }
 
-const SUBJECTS: [Subject; 18] = [
+const SUBJECTS: [Subject; 19] = [
     subject("ply", Reads::Scene, "a.ply", ""),
     subject("spz", Reads::Scene, "a.spz", ""),
     Subject { is_gzip: true, ..subject("spz-gzip", Reads::Scene, "a.spz", "") },
     subject("splat", Reads::Scene, "a.splat", ""),
     subject("ksplat", Reads::Scene, "a.ksplat", ""),
+    subject("rad", Reads::Scene, "a.rad", ""),
     subject("sog", Reads::Scene, "a.sog", ""),
     subject("sog-meta", Reads::Scene, "meta.json", "plush.v1"),
     subject("sog-levels", Reads::Scene, "lod-meta.json", "lod"),

@@ -9,7 +9,8 @@
 //! - `training` - settings of training beside a scene
 //! - `linked_file` - paths of files that a scene file names
 //! - `rows` - rows of bytes, and encodings that several formats share
-//! - `ply/`, `spz/`, `sog/`, `splat/`, `gltf/`, `ksplat` - a reader for each format, and a writer for all but `ksplat`
+//! - `ply/`, `spz/`, `sog/`, `splat/`, `gltf/`, `ksplat`, `rad` - a reader for each format, and a writer for all but the
+//!   last two
 
 mod gltf;
 mod input;
@@ -18,6 +19,7 @@ mod linked_file;
 mod loss;
 mod packed;
 mod ply;
+mod rad;
 mod read;
 mod rows;
 mod sog;
@@ -104,7 +106,7 @@ pub enum Writer {
 pub(crate) const PAGE_FILE_SIGNATURE: [u8; 8] = *b"smalto\x1a\n";
 
 /// Every format. A new one that is read costs its reader and an entry here.
-pub static FORMATS: [Format; 10] = [
+pub static FORMATS: [Format; 11] = [
     Format {
         name: "ply",
         help: "32-bit floats",
@@ -159,6 +161,13 @@ pub static FORMATS: [Format; 10] = [
         help: "The compressed splats of mkkellogg",
         recognition: Recognition::Ending,
         reader: whole(|mut input, _| ksplat::read(&mut input)),
+        write: None,
+    },
+    Format {
+        name: "rad",
+        help: "Spark's levels, of which the finest is read",
+        recognition: Recognition::Signature(&[rad::SIGNATURE]),
+        reader: whole(|mut input, request| rad::read(&mut input, request.path)),
         write: None,
     },
     Format {
@@ -298,7 +307,7 @@ mod tests {
 
     #[test]
     fn lists_of_formats_are_sentences() {
-        let read = ".ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .glb, .gltf or .smalto";
+        let read = ".ply, .compressed.ply, .spz, .sog, .splat, .ksplat, .rad, .glb, .gltf or .smalto";
         assert_eq!(read_labels(), read);
         let written =
             ".ply, .compressed.ply, .spz, .sog, meta.json (a SOG in a folder), .splat, .glb or .smalto (pages)";

@@ -376,7 +376,7 @@ fn opened(admission: &Admission, message: &ClientMessage) -> Result<Option<PathB
 /// True for a file that clients may open.
 fn is_offered(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-    let endings = [".ply", ".spz", ".splat", ".ksplat", ".sog", ".smalto", ".glb", ".png", ".jpg", ".jpeg"];
+    let endings = [".ply", ".spz", ".splat", ".ksplat", ".rad", ".sog", ".smalto", ".glb", ".png", ".jpg", ".jpeg"];
     endings.iter().any(|ending| name.ends_with(ending)) || name == "cameras.json" || name.ends_with(".cameras.json")
 }
 

@@ -19,6 +19,7 @@ mod lenses;
 mod named_files;
 mod packed;
 mod pages;
+mod rad;
 mod sog;
 mod sog_levels;
 mod sog_write;
