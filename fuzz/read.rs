@@ -116,7 +116,8 @@ fuzz_target!(|bytes: &[u8]| {
     let problem = match RUN.subject.reads {
         Reads::Scene => {
             let watch = Watch::NONE;
-            pagefile::read(&Reading::default(), &path, &watch).err()
+            let levels = Reading::default().read_levels(&path, &watch).err();
+            pagefile::read(&Reading::default(), &path, &watch).err().or(levels)
         }
         Reads::Cameras => camera::read(&path).err(),
         Reads::CameraFolder => camera::read(RUN.folder.path()).err(),

@@ -72,6 +72,8 @@ struct PagesReport {
     pages: usize,
     /// Pages of levels of detail: of nodes that stand for several Gaussians.
     level_pages: usize,
+    /// True if the levels are those of the source. Any page may then hold fewer Gaussians.
+    has_source_levels: bool,
     gaussians_each: usize,
     /// Bytes of the file.
     bytes: u64,
@@ -198,6 +200,7 @@ fn report_of_pages(name: &str, file: &PageFile, preset: &str) -> Result<Report> 
         pages: Some(PagesReport {
             pages: header.scene_pages(),
             level_pages: header.pages() - header.scene_pages(),
+            has_source_levels: header.has_source_levels(),
             gaussians_each: PAGE,
             bytes: header.file_bytes(),
             geometry_bytes: 4 * file.geometry_words(),
@@ -274,13 +277,16 @@ fn print(report: &Report) -> Result<()> {
     }
     say!("box         {} to {}", point(low), point(high))?;
     say!("opacity     90 % lies within {} of {}", number(*radius as f32), point(&centre.map(|v| v as f32)))?;
-    if let Some(PagesReport { pages, level_pages, gaussians_each, bytes, sh_storage, shape_storage, .. }) =
-        &report.pages
-    {
+    if let Some(of_pages) = &report.pages {
+        let PagesReport { pages, level_pages, gaussians_each, bytes, sh_storage, shape_storage, .. } = of_pages;
         let (megabytes, stored) = (*bytes as f64 / 1e6, format!("SH in {sh_storage}, shapes in {shape_storage}"));
-        say!("pages       {pages} of {gaussians_each} Gaussians, {megabytes:.1} MB: {stored}")?;
+        let [most, levels] = match of_pages.has_source_levels {
+            true => ["up to ", "the levels of the source"],
+            false => ["", "nodes that stand for several Gaussians"],
+        };
+        say!("pages       {pages} of {most}{gaussians_each} Gaussians, {megabytes:.1} MB: {stored}")?;
         if *level_pages > 0 {
-            say!("levels      {level_pages} pages of nodes that stand for several Gaussians")?;
+            say!("levels      {level_pages} pages of {levels}")?;
         }
     }
     let rows = [("opacity", report.opacity), ("scale", report.scale), ("anisotropy", report.anisotropy)];

@@ -9,8 +9,8 @@
 //! - `training` - settings of training beside a scene
 //! - `linked_file` - paths of files that a scene file names
 //! - `rows` - rows of bytes, and encodings that several formats share
-//! - `ply/`, `spz/`, `sog/`, `splat/`, `gltf/`, `ksplat`, `rad` - a reader for each format, and a writer for all but the
-//!   last two
+//! - `ply/`, `spz/`, `sog/`, `splat/`, `gltf/`, `ksplat`, `rad` - a reader for each format, and a writer for all but
+//!   the last two
 
 mod gltf;
 mod input;

@@ -35,8 +35,7 @@ struct FileMeta {
     kind: String,
     count: u64,
     max_sh: Option<u32>,
-    #[serde(default)]
-    lod_tree: bool,
+    lod_tree: Option<bool>,
     chunk_size: Option<u64>,
     chunks: Vec<Place>,
     sh_code_count: Option<u64>,
@@ -69,23 +68,29 @@ struct Property {
     max: Option<f32>,
 }
 
-/// Opacities above 1 stand for discs with steeper edges; the number is of the Gaussian with the same sum of alpha.
-const E: f64 = std::f64::consts::E;
-
 pub(crate) fn read(input: &mut Input, path: &Path) -> Result<Scene> {
     let (meta, begin): (FileMeta, _) = header(input, SIGNATURE, "the header")?;
-    let FileMeta { version, kind, count, lod_tree, .. } = &meta;
+    let FileMeta { version, kind, count, .. } = &meta;
+    let has_tree = meta.lod_tree == Some(true);
     ensure!(*version == 1, "RAD version {version} is not supported, only 1");
     ensure!(kind == "gsplat", "its type is '{kind}', and only gsplat is supported");
-    let degree = meta.max_sh.unwrap_or(USUAL_SH_DEGREE);
+    let degree = meta.max_sh.unwrap_or(0);
     ensure!(degree <= USUAL_SH_DEGREE, "SH degree {degree} is not supported, only 0 to {USUAL_SH_DEGREE}");
-    let each = meta.chunk_size.unwrap_or(*count).clamp(1, MOST_IN_CHUNK);
-    let chunks = meta.chunks.len();
+    let (each, chunks) = (meta.chunk_size.unwrap_or(*count).max(1), meta.chunks.len());
+    ensure!(each <= MOST_IN_CHUNK || each == *count, "chunks of {each} Gaussians are not supported");
     ensure!(chunks as u64 == count.div_ceil(each), "{count} Gaussians are not {chunks} chunks of {each}");
-    let bytes = meta.chunks.iter().try_fold(0_u64, |sum, place| sum.checked_add(place.bytes));
-    let available = bytes.and_then(|bytes| bytes.checked_mul(MOST_RATIO)).unwrap_or(u64::MAX);
-    let capacity = checked_count(*count, LEAST_BYTES, available, "Gaussians")?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let file_of = |name: &String| {
+        let open = || Input::open(&inside(folder, name)?, &Watch::NONE);
+        open().with_context(|| name.clone())
+    };
+    let mut available = input.left();
+    for name in meta.chunks.iter().filter_map(|place| place.filename.as_ref()) {
+        available = available.saturating_add(file_of(name)?.len());
+    }
+    let capacity = checked_count(*count, LEAST_BYTES, available.saturating_mul(MOST_RATIO), "Gaussians")?;
     let mut builder = input.builder(degree, capacity)?;
+    input.set_read_fraction(0.0);
     let (mut codes, mut next) = (Vec::new(), begin);
     for (number, place) in meta.chunks.iter().enumerate() {
         input.before_block(&builder)?;
@@ -100,26 +105,22 @@ pub(crate) fn read(input: &mut Input, path: &Path) -> Result<Scene> {
                 Chunk::read(input, place.bytes, expected)
             }
             Some(name) => {
-                let own = || {
-                    let path = inside(path.parent().unwrap_or(Path::new(".")), name)?;
-                    let mut file = Input::open(&path, &Watch::NONE)?;
-                    let bytes = file.len();
-                    Chunk::read(&mut file, bytes, expected)
-                };
-                own().with_context(|| name.clone())
+                let mut file = file_of(name)?;
+                let bytes = file.len();
+                Chunk::read(&mut file, bytes, expected).with_context(|| name.clone())
             }
         };
         let chunk = chunk.with_context(|| format!("chunk {number}"))?;
         if number == 0 {
-            codes = chunk.codes(degree, meta.sh_code_count)?;
+            codes = chunk.codes(degree, meta.sh_code_count).with_context(|| format!("chunk {number}"))?;
         }
         let columns = chunk.columns(degree, &codes).with_context(|| format!("chunk {number}"))?;
-        let leaves = chunk.leaves(*lod_tree).with_context(|| format!("chunk {number}"))?;
+        let leaves = chunk.leaves(has_tree).with_context(|| format!("chunk {number}"))?;
         builder.extend(leaves.len(), |index, sh| columns.gaussian(leaves[index], sh));
         input.report_decoded((first + expected) as f64 / *count as f64);
     }
     let (gaussians, report) = builder.finish();
-    let format = if *lod_tree { format!("RAD, the leaves of {count} nodes") } else { "RAD".to_owned() };
+    let format = if has_tree { format!("RAD, the leaves of {count} nodes") } else { "RAD".to_owned() };
     Ok(Scene { gaussians, report, ..Scene::empty(&format) })
 }
 
@@ -170,9 +171,9 @@ impl Chunk {
         let mut unpacked = host_zeros(length, name)?;
         let is_whole = match compression.as_deref() {
             None => {
-                let is_whole = stored.len() == length;
-                unpacked[..length.min(stored.len())].copy_from_slice(&stored[..length.min(stored.len())]);
-                is_whole
+                unpacked.clear();
+                unpacked.extend_from_slice(stored);
+                stored.len() == length
             }
             // Deflate without the header of gzip, whatever its name.
             Some("gz") => {
@@ -193,7 +194,7 @@ impl Chunk {
         let bytes = |each: usize| self.bytes(property, each * values);
         let half = |bytes: [u8; 2]| f16::from_le_bytes(bytes).to_f32();
         let signed = |bytes: Vec<u8>| -> Result<Vec<f32>> {
-            let (_, max) = range()?;
+            let max = max.with_context(|| format!("{name} has no range"))?;
             Ok(bytes.into_iter().map(|byte| f32::from(byte as i8) / 127.0 * max).collect())
         };
         let unsigned = |bytes: Vec<u8>| -> Result<Vec<f32>> {
@@ -295,8 +296,9 @@ impl Chunk {
         if sh.is_empty() && !codes.is_empty() {
             let own = self.whole(self.needed("sh_label")?)?;
             let entries = codes[0].len() / 9;
-            let outside = own.iter().find(|label| **label as usize >= entries);
-            ensure!(outside.is_none(), "a Gaussian has palette entry {outside:?}, there are {entries}");
+            if let Some(label) = own.iter().find(|label| **label as usize >= entries) {
+                bail!("a Gaussian has palette entry {label}, there are {entries}");
+            }
             labels = Some(own);
         }
         ensure!(labels.is_some() || sh.len() == degree as usize, "it has a part of its spherical harmonics");
@@ -356,7 +358,7 @@ impl Columns<'_> {
             }
         }
         let alpha = f64::from(self.alphas[index]);
-        let (opacity, wider) = if alpha > 1.0 { (1.0, widening(alpha)) } else { (alpha, 1.0) };
+        let (opacity, wider) = if alpha > ROUNDED_ONE { (1.0, widening(alpha)) } else { (alpha.min(1.0), 1.0) };
         Activated {
             mean: of(&self.means).map(f64::from),
             scale: of(&self.scales).map(|scale| wider * f64::from(scale)),
@@ -366,10 +368,18 @@ impl Columns<'_> {
     }
 }
 
-/// The factor of the scales of a Gaussian of opacity 1 in place of one with an alpha above 1, as Spark inflates it.
+/// The largest alpha that an opacity of 1 becomes in bytes from 0 to 2.
+const ROUNDED_ONE: f64 = 1.0 + 1.0 / 255.0 + 1e-6;
+
+/// The factor of the scales of a Gaussian of opacity 1 in place of one with an alpha above 1. Spark draws the latter as
+/// 1 - (1 - exp(-r^2/2))^o, with ln o = (steepness^2 - 1) / e. Over the plane, alpha then sums to the harmonic number
+/// of o, here by its series, where a Gaussian of opacity 1 has a sum of 1.
 fn widening(alpha: f64) -> f64 {
+    const EULER_GAMMA: f64 = 0.577_215_664_901_532_9;
     let steepness = (4.0 * alpha - 3.0).min(5.0);
-    ((steepness * steepness - 1.0) / E / 3.0).exp()
+    let opacity = ((steepness * steepness - 1.0) / std::f64::consts::E).exp();
+    let sum = opacity.ln() + EULER_GAMMA + 0.5 / opacity - 1.0 / (12.0 * opacity * opacity);
+    sum.max(1.0).sqrt()
 }
 
 #[cfg(test)]
@@ -391,8 +401,14 @@ mod tests {
     }
 
     #[test]
-    fn an_alpha_of_one_keeps_the_scales() {
+    fn wider_scales_keep_the_sum_of_alpha() {
         assert_eq!(widening(1.0), 1.0);
-        assert!((widening(2.0) - (24.0 / E / 3.0).exp()).abs() < 1e-12);
+        for alpha in [1.1, 1.5, 2.0] {
+            let steepness: f64 = 4.0 * alpha - 3.0;
+            let opacity = ((steepness * steepness - 1.0) / std::f64::consts::E).exp();
+            let drawn = |r: f64| 1.0 - (1.0 - (-r * r / 2.0).exp()).powf(opacity);
+            let sum: f64 = (0..10_000).map(|i| f64::from(i) * 1e-3).map(|r| drawn(r) * r * 1e-3).sum();
+            assert!((widening(alpha).powi(2) / sum - 1.0).abs() < 0.01, "{alpha}: {}, {sum}", widening(alpha));
+        }
     }
 }

@@ -1,5 +1,7 @@
 //! The error of nodes that a source has in place of finer ones, without saying which stands for which.
 
+use rayon::prelude::*;
+
 use super::difference::Difference;
 use super::fit::{pixel_width, reference_width};
 use super::node::Nodes;
@@ -22,14 +24,16 @@ pub struct Replacement {
 
 /// Measures `nodes` in place of `finer` ones, in pixels as wide as the median node.
 pub fn replacement(finer: &Nodes, nodes: &Nodes) -> Replacement {
-    let (px, mut drawings) = (pixel_width(nodes, finer, MOST_PX), [Drawing::default(), Drawing::default()]);
-    let (views, mut sums) = (directions(), [0.0; 3]);
-    for tile in views.into_iter().flat_map(|direction| Window::around(finer, direction, px).tiles(TILE)) {
-        let both = [finer, nodes].into_iter().zip(&mut drawings);
+    let (px, views) = (pixel_width(nodes, finer, MOST_PX), directions());
+    let tiles = views.into_iter().flat_map(|direction| Window::around(finer, direction, px).tiles(TILE));
+    let sums_of = |drawings: &mut [Drawing; 2], tile: Window| {
+        let both = [finer, nodes].into_iter().zip(&mut *drawings);
         both.for_each(|(nodes, drawing)| Splats::of(nodes, tile).draw(nodes, drawing));
-        let difference = Difference::of(tile.width, &drawings[0].pixels, &drawings[1].pixels);
-        sums.iter_mut().zip(difference.sums).for_each(|(sum, own)| *sum += own);
-    }
+        Difference::of(tile.width, &drawings[0].pixels, &drawings[1].pixels).sums
+    };
+    let each: Vec<[f64; 3]> = tiles.collect::<Vec<_>>().into_par_iter().map_init(Default::default, sums_of).collect();
+    // In order, so that the sum is the same on any number of cores.
+    let sums = each.into_iter().fold([0.0; 3], |sum, own| std::array::from_fn(|i| sum[i] + own[i]));
     Replacement { squared_error: sums[0] * px * px / views.len() as f64, reference_width: reference_width(sums, px) }
 }
 

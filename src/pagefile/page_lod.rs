@@ -10,7 +10,7 @@ pub const PARTS: usize = 8;
 /// Nodes of a page whose means are in the table.
 pub const SAMPLES: usize = 8;
 
-/// The parent of the coarsest page: none.
+/// The parent of a page without parents, as the coarsest.
 pub const NO_PAGE: u32 = u32::MAX;
 
 /// Words of levels of a node: its own error and its parent's, its opacity and the sum of opacities.
@@ -147,16 +147,20 @@ impl PageLod {
         }
     }
 
-    /// True if no value is out of its range, for page `own` of `pages`.
-    pub fn is_plausible(&self, own: usize, pages: usize) -> bool {
+    /// True if no value is out of its range, for page `own` of `pages`. `scene_pages` is the number of pages of the
+    /// scene in a file with the levels of a source, in which several pages may have no parents.
+    pub fn is_plausible(&self, own: usize, pages: usize, scene_pages: Option<usize>) -> bool {
         let is_box =
             self.low.iter().zip(self.high).all(|(low, high)| low.is_finite() && *low <= high && high.is_finite());
         let is_last = own + 1 == pages;
         let has_parent = (own..pages).contains(&(self.parent as usize));
-        let is_parent = self.parent == NO_PAGE || has_parent && !is_last;
+        let may_lack_parent = is_last || scene_pages.is_some();
+        let is_parent = if self.parent == NO_PAGE { may_lack_parent } else { has_parent && !is_last };
+        let is_level = scene_pages.is_none_or(|scene_pages| (own < scene_pages) == (self.level == 0));
         is_box
             && self.reference_width >= 0.0
             && is_parent
+            && is_level
             && self.highest_opacity >= 0.0
             && self.errors.is_sorted()
             && self.parent_errors.is_sorted()
@@ -216,8 +220,15 @@ mod tests {
             checksum: 0x1234_5678_9abc_def0,
         };
         assert_eq!(PageLod::decoded(&level.encoded()), level);
-        assert!(level.is_plausible(5, 78) && !level.is_plausible(77, 78) && !level.is_plausible(80, 90));
-        assert!(PageLod { parent: NO_PAGE, ..level }.is_plausible(77, 78));
+        let are_plausible = |level: PageLod, scene_pages| {
+            [(5, 78), (77, 78), (80, 90)].map(|(own, pages)| level.is_plausible(own, pages, scene_pages))
+        };
+        let none = PageLod { parent: NO_PAGE, ..level };
+        assert_eq!(are_plausible(level, None), [true, false, false]);
+        assert_eq!(are_plausible(none, None), [false, true, false]);
+        // Level 5 is none of the scene.
+        assert_eq!(are_plausible(none, Some(5)), [true; 3]);
+        assert_eq!(are_plausible(none, Some(6)), [false, true, true]);
     }
 
     #[test]

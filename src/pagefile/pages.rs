@@ -201,11 +201,10 @@ impl Pages {
 
     /// The pages of each scene, one after another.
     pub fn scenes(&self) -> Vec<Range<usize>> {
+        let range = |(pages, first, _): &(Self, usize, u32)| *first..first + pages.pages().len();
         match &self.0.source {
-            Source::Joined(joined) => {
-                joined.iter().map(|(pages, first, _)| *first..first + pages.pages().len()).collect()
-            }
-            _ => vec![0..self.pages().len()],
+            Source::Joined(joined) => joined.iter().map(range).collect(),
+            _ => std::iter::once(0..self.pages().len()).collect(),
         }
     }
 

@@ -242,7 +242,8 @@ fn levels(file: &File, header: &Header) -> Result<Vec<PageLod>> {
         ensure!(numbers.len() == levels.len(), "it claims {} pages of levels", parts.pages);
         levels.iter_mut().zip(numbers).for_each(|(level, number)| level.level = number);
     }
-    let is_sound = levels.iter().enumerate().all(|(own, level)| level.is_plausible(own, levels.len()));
+    let is_sound =
+        levels.iter().enumerate().all(|(own, level)| level.is_plausible(own, levels.len(), parts.scene_pages));
     ensure!(is_sound, "the table of levels contradicts itself");
     Ok(levels)
 }

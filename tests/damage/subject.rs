@@ -38,6 +38,11 @@ pub fn read_scene(path: &Path) -> anyhow::Result<Scene> {
     pagefile::read(&Reading::default(), path, &watch)
 }
 
+/// Reads all levels of a streamed SOG.
+fn levels(path: &Path) -> Result<(), String> {
+    Reading::default().read_levels(path, &Watch::NONE).map(drop).map_err(|error| error.to_string())
+}
+
 fn cameras(path: &Path) -> Result<(), String> {
     camera::read(path).map(drop).map_err(|error| Unreadable::new(path, &error).to_string())
 }
@@ -134,12 +139,23 @@ fn scenes(subjects: &mut Subjects) {
             subjects.file("b.smalto", whole, Change::InsidePages, scene);
         }
     }
+    for name in ["plush-default-lod.rad", "plush-clusters-lod.rad", "plush-enc-f16lebytes-r8-s8delta.rad"] {
+        subjects.in_folder("rad", name, name, Change::Bytes, scene);
+    }
+    subjects.in_folder("rad", "plush-chunked-lod-0.radc", "plush-chunked-lod.rad", Change::Bytes, scene);
+    let kept = subjects.folder.join("kept.smalto");
+    ok(&["lod", &fixture("lod").display().to_string(), "--keep-levels", "-o", &kept.display().to_string()]);
+    let whole = fs::read(kept).unwrap();
+    subjects.file("c.smalto", whole.clone(), Change::Bytes, scene);
+    subjects.file("d.smalto", whole, Change::InsidePages, scene);
     for texture in ["means_l.webp", "quats.webp", "shN_centroids.webp", "shN_labels.webp"] {
         subjects.in_folder("plush.v1", texture, "meta.json", Change::Bytes, scene);
     }
     subjects.in_folder("plush.v1", "meta.json", "meta.json", Change::Json, scene);
     subjects.in_folder("lod", "lod-meta.json", "", Change::Json, scene);
+    subjects.in_folder("lod", "lod-meta.json", "", Change::Json, levels);
     subjects.in_folder("lod", "1_0/meta.json", "", Change::Json, scene);
+    subjects.in_folder("lod", "1_0/meta.json", "", Change::Json, levels);
     subjects.in_folder("lod", "0_0/meta.json", "", Change::Json, scene);
     // A .gltf with its buffer beside it.
     let glb = fs::read(fixture("plush.glb")).unwrap();

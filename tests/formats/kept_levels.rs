@@ -11,7 +11,7 @@ use smalto::pagefile::{NO_PAGE, PageFile, nodes_of, static_level};
 use smalto::scene::{Gaussians, NoLevel, Watch};
 
 use super::sog::{change, copied};
-use crate::common::program::{fails, ok, path};
+use crate::common::program::{self, fails, ok, path};
 use crate::common::table::{fixture, read};
 
 fn level(folder: &Path, level: u32) -> Gaussians {
@@ -32,7 +32,7 @@ fn all_levels_of_a_streamed_sog_are_kept() {
     let [streamed, out] = ["streamed/lod-meta.json", "a.smalto"].map(|name| path(&folder, name));
     ok(&["lod", "cactus:40000", "-o", &streamed]);
     let said = ok(&["lod", &streamed, "--keep-levels", "-o", &out]);
-    assert!(said.contains("pages of streamed SOG, all levels, 40000 Gaussians"), "{said}");
+    assert!(said.contains("pages of streamed SOG, 40000 Gaussians"), "{said}");
     let (file, streamed) = (PageFile::open(Path::new(&out)).unwrap(), folder.path().join("streamed"));
     assert!(file.header().has_source_levels());
     assert!(read_pages(&out) == level(&streamed, 0), "the scene, in its order");
@@ -62,10 +62,15 @@ fn all_levels_of_a_streamed_sog_are_kept() {
             assert!(parent.least_error >= lod.least_error);
         }
     }
-    // A second run makes the same file.
+    let about = ok(&["info", &out]);
+    assert!(
+        about.contains("pages       40 of up to 1024 Gaussians") && about.contains("pages of the levels of the source")
+    );
+    // One thread makes the same file.
     let again = path(&folder, "b.smalto");
-    ok(&["lod", &streamed.join("lod-meta.json").display().to_string(), "--keep-levels", "-o", &again]);
-    assert!(fs::read(&out).unwrap() == fs::read(&again).unwrap());
+    let arguments = ["lod", &streamed.join("lod-meta.json").display().to_string(), "--keep-levels", "-o", &again];
+    let output = program::run(&arguments, |command| _ = command.env("RAYON_NUM_THREADS", "1"));
+    assert!(output.status.success() && fs::read(&out).unwrap() == fs::read(&again).unwrap());
 }
 
 fn read_pages(path: &str) -> Gaussians {
@@ -101,12 +106,42 @@ fn gaussians_that_cannot_be_drawn_leave_the_other_levels() {
     let report = levels.scene.report;
     assert_eq!((report.read, report.dropped()), (366, 0), "the report is of the scene");
     assert_eq!(levels.coarser.len(), 0);
+    let why = "122 Gaussians of coarser levels are left out: they, or those that they stand for, cannot be drawn";
+    assert_eq!(levels.scene.notices, [why]);
     assert_eq!(levels.leaves.iter().map(|leaf| leaf.coarser.len()).collect::<Vec<_>>(), [0; 3]);
     let out = path(&folder, "a.smalto");
-    ok(&["lod", streamed.path().to_str().unwrap(), "--keep-levels", "-o", &out]);
+    let said = program::notes(&["lod", streamed.path().to_str().unwrap(), "--keep-levels", "-o", &out]);
+    assert!(said.contains(why), "{said}");
     let file = PageFile::open(Path::new(&out)).unwrap();
     assert_eq!(file.pages().len(), file.header().scene_pages());
     assert!(read_pages(&out) == read(streamed.path()).gaussians);
+    // Nothing stands for a leaf whose finest level cannot be drawn.
+    let streamed = copied("lod");
+    change(&streamed.path().join("0_0/meta.json"), |meta| meta["sh0"]["codebook"] = json!([0.5]));
+    let levels = Reading::default().read_levels(streamed.path(), &Watch::NONE).unwrap();
+    assert_eq!((levels.scene.gaussians.len(), levels.coarser.len(), levels.leaves.len()), (61, 0, 1));
+    assert_eq!((levels.scene.report.dropped(), &levels.scene.notices[..]), (305, &[why.to_owned()][..]));
+}
+
+/// Leaves take whole pages, so a file of tiny leaves would be large without a reason.
+#[test]
+fn tiny_leaves_and_many_levels_are_refused() {
+    let (streamed, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    ok(&["convert", "cactus:6000", &path(&streamed, "a.sog")]);
+    let write = |leaves: Vec<Value>| {
+        let meta = json!({ "filenames": ["a.sog"], "tree": { "children": leaves } });
+        fs::write(streamed.path().join("lod-meta.json"), meta.to_string()).unwrap();
+    };
+    let range = |first: usize, count: usize| json!({ "file": 0, "offset": first, "count": count });
+    let out = path(&folder, "a.smalto");
+    write((0..6000).map(|i| json!({ "lods": { "0": range(i, 1) } })).collect());
+    let error = fails(1, &["lod", &path(&streamed, "lod-meta.json"), "--keep-levels", "-o", &out]);
+    assert!(error.contains("its leaves are too small: they take 6000 pages"), "{error}");
+    let lods: serde_json::Map<_, _> = (0..1001).map(|i| (i.to_string(), range(i, 1))).collect();
+    write(vec![json!({ "lods": lods }), json!({ "lods": { "0": range(1001, 4999) } })]);
+    let error = fails(4, &["lod", &path(&streamed, "lod-meta.json"), "--keep-levels", "-o", &out]);
+    assert!(error.contains("a leaf in lod-meta.json has 1001 levels, expected at most 1000"), "{error}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
 #[test]
@@ -167,6 +202,8 @@ fn what_has_no_levels_to_keep_is_refused() {
     assert!(error.is::<NoLevel>(), "{error}");
     let error = fails(2, &["lod", &streamed, "--keep-levels", "--sog-level", "1", "-o", &out]);
     assert!(error.contains("--keep-levels takes all levels, and --sog-level one of them"), "{error}");
+    let error = fails(2, &["lod", &streamed, "--keep-levels", "--host-memory", "1GB", "-o", &out]);
+    assert!(error.contains("--keep-levels reads the whole scene, so --host-memory does not apply"), "{error}");
     let error = fails(2, &["lod", &streamed, "--keep-levels", "-o", &path(&folder, "lod-meta.json")]);
     assert!(error.contains("--keep-levels writes a .smalto file"), "{error}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
@@ -175,6 +212,12 @@ fn what_has_no_levels_to_keep_is_refused() {
     ok(&["lod", &streamed, "--keep-levels", "--splats", "183", "-o", &one]);
     assert_eq!(read(Path::new(&one)).gaussians.len(), 183);
     ok(&["lod", &streamed, "--keep-levels", "-o", &out]);
+    let made = path(&folder, "made.smalto");
+    ok(&["lod", &out, "-o", &made]);
+    let error = fails(2, &["lod", &made, "--keep-levels", "--level", "1", "-o", &one]);
+    assert!(error.contains(&format!("--keep-levels needs a lod-meta.json, and {made} is none")), "{error}");
+    ok(&["lod", &out, "--keep-levels", "--splats", "183", "-o", &one]);
+    assert_eq!(read(Path::new(&one)).gaussians.len(), 183);
     ok(&["lod", &out, "-o", &path(&folder, "new/lod-meta.json")]);
     assert_eq!(level(&folder.path().join("new"), 0).len(), 366);
 }

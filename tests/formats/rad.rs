@@ -61,14 +61,14 @@ fn every_rad_holds_the_scene() {
         ("plush-default-lod", 3, "RAD, the leaves of 79 nodes"),
         ("plush-enc-f32", 3, "RAD, the leaves of 79 nodes"),
         ("plush-chunked-lod", 3, "RAD, the leaves of 79 nodes"),
-        ("plush-clusters-few16", 3, "RAD"),
+        ("plush-clusters-few16", 3, "RAD, the leaves of 79 nodes"),
         ("plush-sh1-lod", 1, "RAD, the leaves of 79 nodes"),
         ("plush-inflate-lod", 3, "RAD, the leaves of 79 nodes"),
         ("plush-nolod", 3, "RAD"),
     ] {
         let scene = read(&fixture(&format!("rad/{name}.rad")));
-        assert!(scene.format.starts_with("RAD") && (scene.format == format || name.contains("few16")), "{name}");
-        assert_eq!((scene.gaussians.sh_degree(), scene.gaussians.len()), (degree, 61), "{name}");
+        let found = (scene.format.as_str(), scene.gaussians.sh_degree(), scene.gaussians.len());
+        assert_eq!(found, (format, degree, 61), "{name}");
         for (found, expected) in sorted(&scene.gaussians).iter().zip(&expected) {
             for axis in 0..3 {
                 assert!((found.0[axis] - expected.0[axis]).abs() < 3e-3, "{name}: {found:?} {expected:?}");
@@ -103,7 +103,7 @@ fn changed(name: &str, change: impl FnOnce(&mut Value)) -> Vec<u8> {
 #[test]
 fn inconsistent_rad_headers_are_refused() {
     type Change = fn(&mut Value);
-    let cases: [(&str, Change, &str); 12] = [
+    let cases: [(&str, Change, &str); 16] = [
         ("version", |m| m["version"] = json!(2), "RAD version 2 is not supported, only 1"),
         ("type", |m| m["type"] = json!("mesh"), "its type is 'mesh', and only gsplat is supported"),
         ("degree", |m| m["maxSh"] = json!(4), "SH degree 4 is not supported"),
@@ -111,7 +111,11 @@ fn inconsistent_rad_headers_are_refused() {
         ("count", |m| m["count"] = json!(78), "it has 79 Gaussians, expected 78"),
         ("chunks", |m| m["count"] = json!(65537), "65537 Gaussians are not 1 chunks of 65536"),
         ("size", |m| m["chunkSize"] = json!(10), "79 Gaussians are not 1 chunks of 10"),
-        ("huge", |m| (m["count"], m["chunkSize"]) = (json!(u64::MAX), json!(u64::MAX)), "are not 1 chunks of"),
+        ("huge", |m| (m["count"], m["chunkSize"]) = (json!(u64::MAX), json!(u64::MAX)), "the header claims"),
+        ("no degree", |m| m["maxSh"] = Value::Null, ""),
+        ("no tree", |m| m["lodTree"] = Value::Null, ""),
+        ("large chunks", |m| m["chunkSize"] = json!(1 << 25), "chunks of 33554432 Gaussians are not supported"),
+        ("lie", |m| (m["count"], m["chunkSize"]) = (json!(1 << 24), json!(1 << 24)), "the file is truncated or its"),
         ("none", |m| (m["count"], m["chunks"]) = (json!(0), json!([])), "the scene holds no Gaussians"),
         ("bytes", |m| m["chunks"][0]["bytes"] = json!(1 << 20), "its content takes"),
         ("short", |m| m["chunks"][0]["bytes"] = json!(99), "of 99 of the chunk"),
@@ -153,13 +157,27 @@ fn properties_are_checked() {
         ("\"compression\":\"gz\"", "\"compression\":\"xz\"", "is compressed by 'xz', and only gz is supported"),
         ("\"property\":\"sh2\"", "\"property\":\"sh9\"", "it has no sh2, and the file no palette"),
         ("\"version\":1,\"base\"", "\"version\":9,\"base\"", "its version is 9, and only 1 is supported"),
+        ("\"min\":-1.0", "\"mim\":-1.0", ""),
         ("RADC", "RADX", "its header does not begin with RADC"),
     ] {
         let at = whole.windows(from.len()).position(|part| part == from.as_bytes()).expect(from);
         let bytes = [&whole[..at], to.as_bytes(), &whole[at + from.len()..]].concat();
-        let problem = parse(".rad", &bytes).expect_err(to);
-        assert!(problem.contains(expected), "{to}: {problem}");
+        let problem = parse(".rad", &bytes).err().unwrap_or_default();
+        // Signed bytes need no smallest value.
+        assert!(problem.contains(expected) && problem.is_empty() == expected.is_empty(), "{to}: {problem}");
     }
+}
+
+#[test]
+fn labels_lie_in_the_palette() {
+    let mut text = fs::read(fixture("rad/plush-clusters-few16.rad")).unwrap();
+    // The places of children as labels of a palette of 16.
+    for (from, to) in [(&b"\"sh_label\""[..], &b"\"xx_label\""[..]), (b"\"child_start\"", b"\"sh_label\"   ")] {
+        let at = text.windows(from.len()).position(|part| part == from).unwrap();
+        text[at..at + from.len()].copy_from_slice(to);
+    }
+    let problem = parse(".rad", &text).unwrap_err();
+    assert!(problem.contains("has palette entry") && problem.contains(", there are 16"), "{problem}");
 }
 
 #[test]

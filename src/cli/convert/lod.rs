@@ -53,7 +53,8 @@ pub(in crate::cli) struct Args {
     splats: Option<u32>,
     /// Keep the levels of a streamed SOG (lod-meta.json), and do not make new ones
     ///
-    /// A leaf is drawn at one of its levels. The errors of levels are measured as those of new ones are.
+    /// Each part of the streamed SOG is drawn at one of its levels, as a whole, so new levels are better. The errors of
+    /// the levels are measured. The whole scene must fit into host memory. Not with --sog-level.
     #[arg(long, help_heading = OUTPUT)]
     keep_levels: bool,
     /// Format of the level [default: by the name of the file]
@@ -104,6 +105,9 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
 fn write_levels(args: &Args, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
     let Args { scene, reading, keep_levels, .. } = args;
     if *keep_levels {
+        if args.writing.host_memory.is_some() {
+            return Err(Usage("--keep-levels reads the whole scene, so --host-memory does not apply".to_owned()).into());
+        }
         return pages::keep_levels(&SceneArg { scene: scene.clone(), reading: *reading }, output, settings);
     }
     let files = [scene.clone()];
@@ -122,7 +126,11 @@ fn one_level(args: &Args) -> Result<()> {
     }
     target.check(output, [scene.as_path()], false, json.as_ref())?;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
-    let scene = with_levels(args, |file| file.levels().is_some(), |file| level_of(args, file))?;
+    let has_wanted = |file: &PageFile| match args.keep_levels {
+        true => file.header().has_source_levels(),
+        false => file.levels().is_some(),
+    };
+    let scene = with_levels(args, has_wanted, |file| level_of(args, file))?;
     let written = match target {
         Target::Pages => {
             pages::write_pages(output, input.title(), &scene, pages::settings(*storage, *host_memory, false))?
@@ -139,7 +147,7 @@ fn streamed_sog(args: &Args) -> Result<()> {
         return Err(Usage("--storage needs a .smalto file to write".to_owned()).into());
     }
     if args.keep_levels {
-        return Err(Usage(format!("--keep-levels writes a .smalto file: the levels of a {LOD_META} are new")).into());
+        return Err(Usage(format!("--keep-levels writes a .smalto file; a {LOD_META} gets new levels")).into());
     }
     json.as_ref().map_or(Ok(()), Sink::check)?;
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -17,6 +17,8 @@ use crate::scene::{Cancelled, Gaussians, NoLevel, Scene, SceneLevel, Watch};
 
 /// Largest `lod-meta.json` in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 28;
+/// Most levels of a leaf.
+const MOST_LEVELS: usize = 1000;
 
 #[derive(Deserialize)]
 struct Written {
@@ -105,15 +107,16 @@ pub(crate) fn read_levels(input: &mut Input, json: &[u8], folder: &Path, watch: 
         }
     });
     ensure!(leaves > 0, "the tree in lod-meta.json has no Gaussians");
+    let levels = pieces_of_files.values().flatten().map(|piece| piece.place + 1).max().unwrap_or(0);
+    ensure!(levels <= MOST_LEVELS, "a leaf in lod-meta.json has {levels} levels, expected at most {MOST_LEVELS}");
     let (mut units, mut names) = (Vec::new(), BTreeSet::new());
     for (file, mut pieces) in pieces_of_files {
         ensure!(!(watch.is_cancelled)(), Cancelled);
         let name = written.name(file, &mut names)?;
         let unit = open(folder, name, watch)?;
         pieces.sort_by_key(|piece| piece.offset);
-        let end =
-            pieces.iter().try_fold(0, |end, piece| (piece.offset == end).then(|| end.checked_add(piece.count))?);
-        let are_all = end == Some(unit.meta.count as u64);
+        let after = |end: u64, piece: &Piece| if piece.offset == end { end.checked_add(piece.count) } else { None };
+        let are_all = pieces.iter().try_fold(0, after) == Some(unit.meta.count as u64);
         ensure!(are_all, "lod-meta.json does not assign each of the {} Gaussians of {name} once", unit.meta.count);
         units.push((unit, pieces));
     }
@@ -147,10 +150,27 @@ pub(crate) fn read_levels(input: &mut Input, json: &[u8], folder: &Path, watch: 
         coarser: of_places.into_values().filter(|range| !range.is_empty()).collect(),
     };
     // Gaussians that cannot be drawn are left out, and nothing stands for a leaf without others.
-    let leaves = found.into_iter().map(leaf).filter(|leaf| !leaf.finest.is_empty()).collect();
-    let ((gaussians, report), format) = (finest.finish(), "streamed SOG, all levels".to_owned());
-    let scene = Scene { gaussians, report, is_antialiased, ..Scene::empty(&format) };
-    Ok(StreamedLevels { scene, coarser: coarser.finish().0, leaves })
+    let mut leaves: Vec<Leaf> = found.into_iter().map(leaf).filter(|leaf| !leaf.finest.is_empty()).collect();
+    let (mut coarser, mut notices) = (coarser.finish().0, Vec::new());
+    let used: Vec<u32> =
+        leaves.iter().flat_map(|leaf| leaf.coarser.iter().cloned().flatten()).map(|index| index as u32).collect();
+    if used.len() < of_coarser {
+        notices.push(format!(
+            "{} Gaussians of coarser levels are left out: they, or those that they stand for, cannot be drawn",
+            of_coarser - used.len()
+        ));
+    }
+    if used.len() < coarser.len() {
+        coarser = coarser.selected(&used)?;
+        let mut next = 0;
+        for range in leaves.iter_mut().flat_map(|leaf| &mut leaf.coarser) {
+            *range = next..next + range.len();
+            next = range.end;
+        }
+    }
+    let (gaussians, report) = finest.finish();
+    let scene = Scene { gaussians, report, is_antialiased, notices, ..Scene::empty("streamed SOG") };
+    Ok(StreamedLevels { scene, coarser, leaves })
 }
 
 pub(crate) fn read(input: &mut Input, json: &[u8], folder: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {

@@ -4,7 +4,7 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use rayon::prelude::*;
 
 use super::convert::{Finished, Job, PAGES, STATE, check_count, complete};
@@ -17,11 +17,16 @@ use crate::packing::Statistics;
 use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageLod};
 use crate::scene::{Gaussians, along_curve};
 
+/// Most pages, beyond a multiple of those that would hold all Gaussians. Each level of a leaf has pages of its own.
+const MOST_PAGES: usize = 4096;
+const MOST_PER_FULL: usize = 16;
+
 /// Writes a scene with the levels of its source. Each leaf is a group, of which all nodes of a level have one error,
 /// so that exactly one level of a leaf is drawn. The errors are measured.
 ///
 /// # Errors
-/// If the file cannot be written; [`Cancelled`](crate::scene::Cancelled).
+/// If the leaves are so small that most pages would be empty, or the file cannot be written;
+/// [`Cancelled`](crate::scene::Cancelled).
 pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finished> {
     let StreamedLevels { scene, coarser, leaves } = levels;
     let count = scene.gaussians.len();
@@ -39,6 +44,12 @@ pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finishe
         [leaf.finest.len().div_ceil(PAGE), leaf.coarser.iter().map(|level| level.len().div_ceil(PAGE)).sum()]
     };
     let [scene_pages, pages] = leaves.iter().map(pages_of).fold([0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    let (full, all) = ((count + coarser.len()).div_ceil(PAGE), scene_pages + pages);
+    let is_dense = all <= MOST_PAGES + MOST_PER_FULL * full;
+    ensure!(
+        is_dense,
+        "its leaves are too small: they take {all} pages for their levels, where {full} hold all Gaussians"
+    );
     let sections = LodSections { pages, scene_pages: Some(scene_pages), words_at: 0, table_at: 0, checksum: 0 };
     let header = Header { levels: Some(sections), ..job.header(scene, statistics, layout) };
     let file = checkpoint.file(PAGES)?;
@@ -55,7 +66,7 @@ pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finishe
     let done = AtomicUsize::new(0);
     leaves.par_iter().zip(first_pages).try_for_each(|(leaf, first)| {
         job.check()?;
-        let written = LeafWriter { output: &output, levels, leaf }.write(first);
+        let written = LeafWriter { output: &output, levels, leaf, job }.write(first);
         written.with_context(|| format!("cannot write {}", job.output.display()))?;
         let done = leaf.finest.len() + done.fetch_add(leaf.finest.len(), Ordering::Relaxed);
         (job.progress)(done as f64 / count as f64);
@@ -69,6 +80,7 @@ struct LeafWriter<'w> {
     output: &'w Output<'w>,
     levels: &'w StreamedLevels,
     leaf: &'w Leaf,
+    job: &'w Job<'w>,
 }
 
 /// One level of a leaf.
@@ -111,6 +123,7 @@ impl LeafWriter<'_> {
         let StreamedLevels { scene, coarser: gaussians, .. } = self.levels;
         let mut levels = vec![Level::of(&scene.gaussians, &self.leaf.finest)];
         for range in &self.leaf.coarser {
+            self.job.check()?;
             let mut level = Level::of(gaussians, range);
             level.measure(&levels[levels.len() - 1]);
             levels.push(level);

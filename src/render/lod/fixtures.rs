@@ -21,19 +21,20 @@ pub(crate) fn with_levels(scene: Scene, options: Options) -> Arc<PageFile> {
 }
 
 /// Writes a scene to a page file with levels as those of a streamed SOG: a third and a ninth of the Gaussians of each
-/// leaf.
-pub(crate) fn with_source_levels(scene: Scene, options: Options) -> Arc<PageFile> {
-    const LEAF: usize = 5000;
+/// leaf of `most` Gaussians, but the first leaf has its finest level alone, as an environment has.
+pub(crate) fn with_source_levels(scene: Scene, most: usize, options: Options) -> Arc<PageFile> {
     let gaussians = scene.gaussians.selected(&along_curve(scene.gaussians.means())).unwrap();
     let (mut leaves, mut of_coarser) = (Vec::new(), Vec::new());
-    for begin in (0..gaussians.len()).step_by(LEAF) {
-        let finest = begin..gaussians.len().min(begin + LEAF);
-        let coarser = [3, 9].map(|step| {
+    for begin in (0..gaussians.len()).step_by(most) {
+        let finest = begin..gaussians.len().min(begin + most);
+        let steps: &[usize] = if begin == 0 { &[] } else { &[3, 9] };
+        let level = |step: &usize| {
             let first = of_coarser.len();
-            of_coarser.extend(finest.clone().step_by(step).map(|index| index as u32));
+            of_coarser.extend(finest.clone().step_by(*step).map(|index| index as u32));
             first..of_coarser.len()
-        });
-        leaves.push(Leaf { finest, coarser: coarser.to_vec() });
+        };
+        let coarser = steps.iter().map(level).collect();
+        leaves.push(Leaf { finest, coarser });
     }
     let coarser = gaussians.selected(&of_coarser).unwrap();
     let levels = StreamedLevels { scene: Scene { gaussians, ..scene }, coarser, leaves };

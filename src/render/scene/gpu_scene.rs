@@ -267,7 +267,8 @@ impl GpuScene {
         pages.read_geometry(0..first.len(), &mut geometry)?;
         let means_of = |(number, words): (usize, &[u32])| {
             let page = pages.pages()[number];
-            let count = if pages.level(number).level == 0 { page.count as usize } else { 0 };
+            let is_used = number < pages.scenes()[0].end && pages.level(number).level == 0;
+            let count = if is_used { page.count as usize } else { 0 };
             words.as_chunks::<4>().0[..count].iter().map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect()
         };
         let means: Vec<_> =

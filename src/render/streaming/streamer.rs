@@ -405,9 +405,9 @@ fn pinned_pages(cache: &PageCache) -> Result<Vec<u32>> {
     };
     let pinned: Vec<u32> = scenes.into_iter().flat_map(of_scene).collect();
     let leaves_room = pinned.len() <= cache.capacity() - cache.capacity() / 8;
-    if pinned.len() > cache.capacity() || !leaves_room && pinned.len() < levels.len() {
+    if cache.capacity() < levels.len() && (pinned.len() > cache.capacity() || !leaves_room) {
         let (fit, all) = (cache.capacity(), pinned.len());
-        let reason = format!("{fit} pages fit, and {all} are of scenes without levels of detail, or the coarsest");
+        let reason = format!("{fit} pages fit, and {all} have no coarser pages that could be drawn in their place");
         return Err(OutOfMemory { name: "pages of scenes".to_owned(), bytes: None, reason }.into());
     }
     Ok(pinned)

@@ -72,7 +72,7 @@ fn waited_for(device: &Device, scene: &GpuScene, options: &Options, camera: &Cam
 fn streamed_frames_become_equal_to_frames_that_wait() {
     let scene = cactus::cactus(60_000).unwrap();
     let focus = Focus::of(&scene.gaussians);
-    let of_source = with_source_levels(cactus::cactus(60_000).unwrap(), Settings::LOSSLESS);
+    let of_source = with_source_levels(cactus::cactus(60_000).unwrap(), 5000, Settings::LOSSLESS);
     let (file, device) = (with_levels(scene, Settings::LOSSLESS), open(None));
     let beside = Transform::new(glam::DQuat::from_rotation_y(0.7), [3.0, 0.0, 1.0].into(), 1.5).unwrap();
     let plain = Options { rules: Rules { near: 0.01, ..Rules::TRAINED }, ..Options::EXACT };
@@ -91,6 +91,21 @@ fn streamed_frames_become_equal_to_frames_that_wait() {
             }
         }
     }
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+/// Nearly all pages have none in their place, but all fit.
+#[test]
+fn a_large_environment_is_streamed() {
+    let file = with_source_levels(cactus::cactus(30_100).unwrap(), 30_000, Settings::LOSSLESS);
+    let (device, options) = (open(None), Options { splats: 30_050, ..Options::EXACT });
+    let scene = opened_scene(&device, &file, &[], &options);
+    let mut renderer = streaming(&device, &scene, &options);
+    let focus = file.statistics().focus;
+    let camera = Camera::framing(focus.centre.into(), focus.radius, SIZE);
+    let (pixels, residency) = settle(&mut renderer, &camera);
+    assert_eq!((residency.missing, residency.capacity), (0, file.pages().len()));
+    assert_eq!(differing(&pixels, &waited_for(&device, &scene, &options, &camera)), 0);
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
 
