@@ -200,10 +200,6 @@ fn what_has_no_levels_to_keep_is_refused() {
     }
     let error = Reading::default().read_levels(&fixture("plush.v1/meta.json"), &Watch::NONE).err().unwrap();
     assert!(error.is::<NoLevel>(), "{error}");
-    let error = fails(2, &["lod", &streamed, "--keep-levels", "--sog-level", "1", "-o", &out]);
-    assert!(error.contains("--keep-levels takes all levels, and --sog-level one of them"), "{error}");
-    let error = fails(2, &["lod", &streamed, "--keep-levels", "--host-memory", "1GB", "-o", &out]);
-    assert!(error.contains("--keep-levels reads the whole scene, so --host-memory does not apply"), "{error}");
     let error = fails(2, &["lod", &streamed, "--keep-levels", "-o", &path(&folder, "lod-meta.json")]);
     assert!(error.contains("--keep-levels writes a .smalto file"), "{error}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);

@@ -51,11 +51,11 @@ pub(in crate::cli) struct Args {
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "level")]
     #[arg(value_parser = whole::<u32>(1..=u64::from(u32::MAX)))]
     splats: Option<u32>,
-    /// Keep the levels of a streamed SOG (lod-meta.json), and do not make new ones
+    /// Keep the levels of a streamed SOG, and make no new ones
     ///
-    /// Each part of the streamed SOG is drawn at one of its levels, as a whole, so new levels are better. The errors of
-    /// the levels are measured. The whole scene must fit into host memory. Not with --sog-level.
-    #[arg(long, help_heading = OUTPUT)]
+    /// Each part of the streamed SOG (lod-meta.json) is drawn at one of its levels, as a whole, so new levels are
+    /// better. The errors of the levels are measured. The whole scene must fit into host memory.
+    #[arg(long, help_heading = OUTPUT, conflicts_with_all = ["lod", "host_memory"])]
     keep_levels: bool,
     /// Format of the level [default: by the name of the file]
     #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
@@ -105,9 +105,6 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
 fn write_levels(args: &Args, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
     let Args { scene, reading, keep_levels, .. } = args;
     if *keep_levels {
-        if args.writing.host_memory.is_some() {
-            return Err(Usage("--keep-levels reads the whole scene, so --host-memory does not apply".to_owned()).into());
-        }
         return pages::keep_levels(&SceneArg { scene: scene.clone(), reading: *reading }, output, settings);
     }
     let files = [scene.clone()];

@@ -66,9 +66,6 @@ pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Wri
 pub fn keep_levels(input: &SceneArg, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
     let is_none = || Usage(format!("--keep-levels needs a {LOD_META}, and {} is none", input.scene.display()));
     let (reading, path) = (input.reading.reading()?, input.path().ok_or_else(is_none)?);
-    if reading.level.is_some() {
-        return Err(Usage("--keep-levels takes all levels, and --sog-level one of them".to_owned()).into());
-    }
     let bar = progress::Bar::new("reading");
     let set = |fraction| bar.set(fraction);
     let levels =

@@ -47,21 +47,25 @@ const LEAST_ERROR: f64 = 0.25;
 const PER_SIZE: f64 = 1e-3;
 
 /// The least typical error of Gaussians of the scene: 2^-60 world units.
-const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
+pub const LEAST_TYPICAL: f64 = 1.0 / (1_u64 << 60) as f64;
 
 /// The typical error of a node of a level: twice that of the level below.
 #[derive(Clone, Copy)]
 struct Typical(f64);
 
+/// The stored error of a node of a level with this typical error. Errors are moved towards the typical one by three
+/// quarters of the way between their logarithms: this makes better pictures at equal numbers of nodes (docs/levels.md,
+/// Errors).
+pub fn tempered(error: f64, typical: f64) -> f64 {
+    (error.max(LEAST_ERROR * typical) * typical.powi(3)).sqrt().sqrt()
+}
+
 impl Typical {
-    /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene. In files, errors are moved towards
-    /// the typical error of the level, by three quarters of the way between their logarithms: this makes better
-    /// pictures at equal numbers of nodes (docs/levels.md, Errors).
+    /// The codes of the errors of nodes of a level, 0 for Gaussians of the scene.
     fn codes(self, nodes: &Nodes, level: usize) -> Vec<u16> {
         let typical = self.0 * (level as f64).exp2();
-        let least = if level == 0 { 0.0 } else { LEAST_ERROR * typical };
-        let tempered = |node: &Node| (f64::from(node.error).max(least) * typical.powi(3)).sqrt().sqrt();
-        nodes.nodes.iter().map(|node| code_of(tempered(node).max(PER_SIZE * f64::from(node.size)))).collect()
+        let stored = |node: &Node| if level == 0 { 0.0 } else { tempered(node.error.into(), typical) };
+        nodes.nodes.iter().map(|node| code_of(stored(node).max(PER_SIZE * f64::from(node.size)))).collect()
     }
 }
 

@@ -9,10 +9,11 @@ use rayon::prelude::*;
 
 use super::convert::{Finished, Job, PAGES, STATE, check_count, complete};
 use super::group_checkpoint::GroupBounds;
+use super::hierarchy::{LEAST_TYPICAL, tempered};
 use super::output::Output;
 use crate::files::Checkpoint;
 use crate::formats::{Leaf, StreamedLevels};
-use crate::lod::{FINEST, NEVER, Nodes, Replacement, code_of, replacement};
+use crate::lod::{FINEST, NEVER, Nodes, Replacement, code_of, median, replacement};
 use crate::packing::Statistics;
 use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageLod};
 use crate::scene::{Gaussians, along_curve};
@@ -64,23 +65,75 @@ pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finishe
     };
     let first_pages: Vec<[usize; 2]> = leaves.iter().map(begin).collect();
     let done = AtomicUsize::new(0);
-    leaves.par_iter().zip(first_pages).try_for_each(|(leaf, first)| {
-        job.check()?;
-        let written = LeafWriter { output: &output, levels, leaf, job }.write(first);
-        written.with_context(|| format!("cannot write {}", job.output.display()))?;
+    // Leaves are measured, then written.
+    let advance = |leaf: &Leaf| {
         let done = leaf.finest.len() + done.fetch_add(leaf.finest.len(), Ordering::Relaxed);
-        (job.progress)(done as f64 / count as f64);
+        (job.progress)(done as f64 / (2 * count) as f64);
+    };
+    let measured = leaves.par_iter().map(|leaf| {
+        let measured = measure(job, levels, leaf)?;
+        advance(leaf);
+        Ok(measured)
+    });
+    let measured: Vec<Vec<Measured>> = measured.collect::<Result<_>>()?;
+    let per_halving = measured.iter().flatten().filter(|level| !level.is_finest).map(|level| level.error / level.saved);
+    let typical = median(per_halving.collect()).max(LEAST_TYPICAL);
+    (leaves.par_iter().zip(first_pages)).zip(&measured).try_for_each(|((leaf, first), measured)| {
+        job.check()?;
+        let written = LeafWriter { output: &output, levels, leaf, measured, typical }.write(first);
+        written.with_context(|| format!("cannot write {}", job.output.display()))?;
+        advance(leaf);
         anyhow::Ok(())
     })?;
     complete(checkpoint, &output, header.clone())?;
     Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices.clone() })
 }
 
+/// What was measured of a level of a leaf.
+struct Measured {
+    is_finest: bool,
+    /// The root of the squared error against the next finer level, per saved node; not less than that of finer levels.
+    error: f64,
+    /// Number of Gaussians of the finest level for each of this level.
+    saved: f64,
+    reference_width: f32,
+    /// The squared error against the scene, in pixels of the reference width.
+    squared_error: f32,
+}
+
+/// Measures the levels of a leaf, from the finest.
+fn measure(job: &Job, levels: &StreamedLevels, leaf: &Leaf) -> Result<Vec<Measured>> {
+    let mut finer = Nodes::of(&levels.scene.gaussians, leaf.finest.clone());
+    let finest = finer.len();
+    let mut measured =
+        vec![Measured { is_finest: true, error: 0.0, saved: 1.0, reference_width: 0.0, squared_error: 0.0 }];
+    for range in &leaf.coarser {
+        job.check()?;
+        let nodes = Nodes::of(&levels.coarser, range.clone());
+        let Replacement { squared_error, reference_width } = replacement(&finer, &nodes);
+        let (of_finer, reference_width) = (&measured[measured.len() - 1], reference_width as f32);
+        let saved = finer.len().saturating_sub(nodes.len()).max(1);
+        // In pixels of the reference width of this level, the errors of the finer ones have fallen.
+        let fallen = (of_finer.reference_width / reference_width).min(1.0).powi(2);
+        measured.push(Measured {
+            is_finest: false,
+            error: (squared_error / saved as f64).sqrt().max(of_finer.error),
+            saved: (finest as f64 / nodes.len() as f64).max(of_finer.saved),
+            reference_width,
+            squared_error: of_finer.squared_error * fallen + squared_error as f32,
+        });
+        finer = nodes;
+    }
+    Ok(measured)
+}
+
 struct LeafWriter<'w> {
     output: &'w Output<'w>,
     levels: &'w StreamedLevels,
     leaf: &'w Leaf,
-    job: &'w Job<'w>,
+    measured: &'w [Measured],
+    /// The typical error of nodes that stand for one Gaussian of the scene.
+    typical: f64,
 }
 
 /// One level of a leaf.
@@ -95,25 +148,17 @@ struct Level<'l> {
 }
 
 impl<'l> Level<'l> {
-    fn of(gaussians: &'l Gaussians, range: &Range<usize>) -> Self {
+    fn of(gaussians: &'l Gaussians, range: &Range<usize>, measured: &Measured, typical: f64) -> Self {
         let order = along_curve(&gaussians.means()[range.clone()]);
         let order: Vec<u32> = order.into_iter().map(|index| index + range.start as u32).collect();
-        let nodes = Nodes::of(gaussians, order.iter().map(|index| *index as usize));
-        Self { gaussians, order, nodes, error: FINEST, reference_width: 0.0 }
-    }
-
-    /// Sets the error against the next finer level, and that against the scene.
-    fn measure(&mut self, finer: &Self) {
-        let Replacement { squared_error, reference_width } = replacement(&finer.nodes, &self.nodes);
-        let saved = finer.nodes.len().saturating_sub(self.nodes.len()).max(1);
-        // Above that of the scene, so that the scene is drawn where no error is allowed.
-        self.error = code_of((squared_error / saved as f64).sqrt()).max(finer.error).max(FINEST + 1);
-        self.reference_width = reference_width as f32;
-        // In pixels of the reference width of this level, the errors of the finer ones have fallen.
-        let fallen = (finer.reference_width / self.reference_width).min(1.0).powi(2);
-        let of_finer: f32 = finer.nodes.nodes.iter().map(|node| node.squared_error).sum();
-        let each = (of_finer * fallen + squared_error as f32) / self.nodes.len() as f32;
-        self.nodes.nodes.iter_mut().for_each(|node| node.squared_error = each);
+        let mut nodes = Nodes::of(gaussians, order.iter().map(|index| *index as usize));
+        let squared_error = measured.squared_error / nodes.len() as f32;
+        nodes.nodes.iter_mut().for_each(|node| node.squared_error = squared_error);
+        let error = match measured.is_finest {
+            true => FINEST,
+            false => code_of(tempered(measured.error, typical * measured.saved)),
+        };
+        Self { gaussians, order, nodes, error, reference_width: measured.reference_width }
     }
 }
 
@@ -121,13 +166,10 @@ impl LeafWriter<'_> {
     /// Writes the pages of the finest level from the page `finest` on, and those of the others from `coarser` on.
     fn write(&self, [finest, coarser]: [usize; 2]) -> Result<()> {
         let StreamedLevels { scene, coarser: gaussians, .. } = self.levels;
-        let mut levels = vec![Level::of(&scene.gaussians, &self.leaf.finest)];
-        for range in &self.leaf.coarser {
-            self.job.check()?;
-            let mut level = Level::of(gaussians, range);
-            level.measure(&levels[levels.len() - 1]);
-            levels.push(level);
-        }
+        let of_coarser = self.leaf.coarser.iter().map(|range| (gaussians, range));
+        let parts = std::iter::once((&scene.gaussians, &self.leaf.finest)).chain(of_coarser).zip(self.measured);
+        let level = |((gaussians, range), measured)| Level::of(gaussians, range, measured, self.typical);
+        let levels: Vec<Level> = parts.map(level).collect();
         let around = levels.iter().map(|level| GroupBounds::around(&level.nodes)).reduce(GroupBounds::union);
         let reference_width = levels.iter().map(|level| level.reference_width).fold(0.0, f32::max);
         let bounds = GroupBounds { reference_width, ..around.expect("a leaf has levels") };
