@@ -96,27 +96,29 @@ pub(crate) fn read(input: &mut Input, path: &Path) -> Result<Scene> {
         input.before_block(&builder)?;
         let first = number as u64 * each;
         let expected = each.min(count - first);
-        let chunk = match &place.filename {
-            None => {
-                let from = begin.saturating_add(place.offset);
-                ensure!(from >= next, "chunk {number} lies before the end of the chunk before");
-                input.skip(from - next, "what is between chunks")?;
-                next = from.saturating_add(place.bytes);
-                Chunk::read(input, place.bytes, expected)
+        let mut take = || {
+            let chunk = match &place.filename {
+                None => {
+                    let from = begin.saturating_add(place.offset);
+                    ensure!(from >= next, "it lies before the end of the chunk before");
+                    input.skip(from - next, "what is between chunks")?;
+                    next = from.saturating_add(place.bytes);
+                    Chunk::read(input, place.bytes, expected)?
+                }
+                Some(name) => {
+                    let mut file = file_of(name)?;
+                    let bytes = file.len();
+                    Chunk::read(&mut file, bytes, expected).with_context(|| name.clone())?
+                }
+            };
+            if number == 0 {
+                codes = chunk.codes(degree, meta.sh_code_count)?;
             }
-            Some(name) => {
-                let mut file = file_of(name)?;
-                let bytes = file.len();
-                Chunk::read(&mut file, bytes, expected).with_context(|| name.clone())
-            }
+            let (columns, leaves) = (chunk.columns(degree, &codes)?, chunk.leaves(has_tree)?);
+            builder.extend(leaves.len(), |index, sh| columns.gaussian(leaves[index], sh));
+            anyhow::Ok(())
         };
-        let chunk = chunk.with_context(|| format!("chunk {number}"))?;
-        if number == 0 {
-            codes = chunk.codes(degree, meta.sh_code_count).with_context(|| format!("chunk {number}"))?;
-        }
-        let columns = chunk.columns(degree, &codes).with_context(|| format!("chunk {number}"))?;
-        let leaves = chunk.leaves(has_tree).with_context(|| format!("chunk {number}"))?;
-        builder.extend(leaves.len(), |index, sh| columns.gaussian(leaves[index], sh));
+        take().with_context(|| format!("chunk {number}"))?;
         input.report_decoded((first + expected) as f64 / *count as f64);
     }
     let (gaussians, report) = builder.finish();

@@ -14,6 +14,13 @@ pub struct Difference {
 }
 
 impl Difference {
+    /// Of pictures of two lists of nodes. The memory of the drawings is used again.
+    pub fn drawn(nodes: [&Nodes; 2], window: Window, drawings: &mut [Drawing; 2]) -> Self {
+        let both = nodes.into_iter().zip(&mut *drawings);
+        both.for_each(|(nodes, drawing)| Splats::of(nodes, window).draw(nodes, drawing));
+        Self::of(window.width, &drawings[0].pixels, &drawings[1].pixels)
+    }
+
     pub fn of(width: usize, expected: &[Pixel], drawn: &[Pixel]) -> Self {
         // Differences of colours and of transmittance.
         let differences: Vec<Pixel> =
@@ -49,12 +56,7 @@ impl Difference {
 /// world units squared: the measure of the error of a node.
 pub fn squared_difference(of: &Nodes, others: &Nodes, forward: DVec3, px: f64) -> f64 {
     let window = Window::within(of, Direction::to(forward), px, 4.0 * others.width().max(px));
-    let [of, others] = [of, others].map(|nodes| {
-        let mut drawing = Drawing::default();
-        Splats::of(nodes, window).draw(nodes, &mut drawing);
-        drawing.pixels
-    });
-    Difference::of(window.width, &of, &others).sums[0] * px * px
+    Difference::drawn([of, others], window, &mut Default::default()).sums[0] * px * px
 }
 
 #[cfg(test)]

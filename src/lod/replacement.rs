@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::difference::Difference;
 use super::fit::{pixel_width, reference_width};
 use super::node::Nodes;
-use super::raster::{Drawing, Splats, Window, directions};
+use super::raster::{Window, directions};
 
 /// Most pixels along the diagonal of a picture.
 const MOST_PX: f64 = 2048.0;
@@ -26,11 +26,7 @@ pub struct Replacement {
 pub fn replacement(finer: &Nodes, nodes: &Nodes) -> Replacement {
     let (px, views) = (pixel_width(nodes, finer, MOST_PX), directions());
     let tiles = views.into_iter().flat_map(|direction| Window::around(finer, direction, px).tiles(TILE));
-    let sums_of = |drawings: &mut [Drawing; 2], tile: Window| {
-        let both = [finer, nodes].into_iter().zip(&mut *drawings);
-        both.for_each(|(nodes, drawing)| Splats::of(nodes, tile).draw(nodes, drawing));
-        Difference::of(tile.width, &drawings[0].pixels, &drawings[1].pixels).sums
-    };
+    let sums_of = |drawings: &mut _, tile| Difference::drawn([finer, nodes], tile, drawings).sums;
     let each: Vec<[f64; 3]> = tiles.collect::<Vec<_>>().into_par_iter().map_init(Default::default, sums_of).collect();
     // In order, so that the sum is the same on any number of cores.
     let sums = each.into_iter().fold([0.0; 3], |sum, own| std::array::from_fn(|i| sum[i] + own[i]));

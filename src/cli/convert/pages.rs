@@ -75,11 +75,8 @@ pub fn keep_levels(input: &SceneArg, output: &Path, settings: Settings) -> Resul
         })?;
     drop(bar);
     input.remark(&levels.scene);
-    let bar = progress::Bar::new("writing pages");
-    let set = |fraction| bar.set(fraction);
-    let job = Job { output, settings, title: input.title(), progress: &set, is_cancelled: &|| false };
-    let finished = write_source_levels(&job, &levels)?;
-    Ok((written(output, &finished)?, 0, Vec::new()))
+    let written = write_job(output, input.title(), settings, |job| write_source_levels(job, &levels))?;
+    Ok((written, 0, Vec::new()))
 }
 
 fn written(output: &Path, finished: &Finished) -> Result<Written> {
@@ -96,10 +93,20 @@ fn written(output: &Path, finished: &Finished) -> Result<Written> {
 
 /// Writes the pages of a scene in memory. `title` is the name of its source.
 pub(in crate::cli) fn write_pages(output: &Path, title: String, scene: &Scene, settings: Settings) -> Result<Written> {
+    write_job(output, title, settings, |job| write_whole(job, scene))
+}
+
+/// Writes a page file with a progress bar.
+fn write_job(
+    output: &Path,
+    title: String,
+    settings: Settings,
+    write: impl FnOnce(&Job) -> Result<Finished>,
+) -> Result<Written> {
     let bar = progress::Bar::new("writing pages");
     let progress = |fraction| bar.set(fraction);
     let job = Job { output, settings, title, progress: &progress, is_cancelled: &|| false };
-    written(output, &write_whole(&job, scene)?)
+    written(output, &write(&job)?)
 }
 
 /// Writes the pages of a scene that is read block by block. `None` if its format is read as a whole.

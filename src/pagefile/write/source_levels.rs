@@ -13,7 +13,7 @@ use super::hierarchy::{LEAST_TYPICAL, tempered};
 use super::output::Output;
 use crate::files::Checkpoint;
 use crate::formats::{Leaf, StreamedLevels};
-use crate::lod::{FINEST, NEVER, Nodes, Replacement, code_of, median, replacement};
+use crate::lod::{NEVER, Nodes, Replacement, code_of, median, replacement};
 use crate::packing::Statistics;
 use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageLod};
 use crate::scene::{Gaussians, along_curve};
@@ -76,8 +76,9 @@ pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finishe
         Ok(measured)
     });
     let measured: Vec<Vec<Measured>> = measured.collect::<Result<_>>()?;
-    let per_halving = measured.iter().flatten().filter(|level| !level.is_finest).map(|level| level.error / level.saved);
-    let typical = median(per_halving.collect()).max(LEAST_TYPICAL);
+    let coarser_levels = measured.iter().flat_map(|levels| &levels[1..]);
+    let of_one = coarser_levels.map(|level| level.error / level.per_node);
+    let typical = median(of_one.collect()).max(LEAST_TYPICAL);
     (leaves.par_iter().zip(first_pages)).zip(&measured).try_for_each(|((leaf, first), measured)| {
         job.check()?;
         let written = LeafWriter { output: &output, levels, leaf, measured, typical }.write(first);
@@ -89,13 +90,13 @@ pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finishe
     Ok(Finished { header, resumed: 0, buckets: 1, resumed_levels: 0, notices: scene.notices.clone() })
 }
 
-/// What was measured of a level of a leaf.
+/// What was measured of a level of a leaf; zeros of the finest.
+#[derive(Default)]
 struct Measured {
-    is_finest: bool,
     /// The root of the squared error against the next finer level, per saved node; not less than that of finer levels.
     error: f64,
     /// Number of Gaussians of the finest level for each of this level.
-    saved: f64,
+    per_node: f64,
     reference_width: f32,
     /// The squared error against the scene, in pixels of the reference width.
     squared_error: f32,
@@ -105,8 +106,7 @@ struct Measured {
 fn measure(job: &Job, levels: &StreamedLevels, leaf: &Leaf) -> Result<Vec<Measured>> {
     let mut finer = Nodes::of(&levels.scene.gaussians, leaf.finest.clone());
     let finest = finer.len();
-    let mut measured =
-        vec![Measured { is_finest: true, error: 0.0, saved: 1.0, reference_width: 0.0, squared_error: 0.0 }];
+    let mut measured = vec![Measured::default()];
     for range in &leaf.coarser {
         job.check()?;
         let nodes = Nodes::of(&levels.coarser, range.clone());
@@ -116,9 +116,8 @@ fn measure(job: &Job, levels: &StreamedLevels, leaf: &Leaf) -> Result<Vec<Measur
         // In pixels of the reference width of this level, the errors of the finer ones have fallen.
         let fallen = (of_finer.reference_width / reference_width).min(1.0).powi(2);
         measured.push(Measured {
-            is_finest: false,
             error: (squared_error / saved as f64).sqrt().max(of_finer.error),
-            saved: (finest as f64 / nodes.len() as f64).max(of_finer.saved),
+            per_node: (finest as f64 / nodes.len() as f64).max(of_finer.per_node),
             reference_width,
             squared_error: of_finer.squared_error * fallen + squared_error as f32,
         });
@@ -154,10 +153,8 @@ impl<'l> Level<'l> {
         let mut nodes = Nodes::of(gaussians, order.iter().map(|index| *index as usize));
         let squared_error = measured.squared_error / nodes.len() as f32;
         nodes.nodes.iter_mut().for_each(|node| node.squared_error = squared_error);
-        let error = match measured.is_finest {
-            true => FINEST,
-            false => code_of(tempered(measured.error, typical * measured.saved)),
-        };
+        // 0 of the finest, above 0 of others.
+        let error = code_of(tempered(measured.error, typical * measured.per_node));
         Self { gaussians, order, nodes, error, reference_width: measured.reference_width }
     }
 }

@@ -265,14 +265,12 @@ impl GpuScene {
         cache.load(device, &first)?;
         let mut geometry = vec![0; first.len() * pages.geometry_words()];
         pages.read_geometry(0..first.len(), &mut geometry)?;
-        let means_of = |(number, words): (usize, &[u32])| {
-            let page = pages.pages()[number];
-            let is_used = number < pages.scenes()[0].end && pages.level(number).level == 0;
-            let count = if is_used { page.count as usize } else { 0 };
-            words.as_chunks::<4>().0[..count].iter().map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect()
-        };
-        let means: Vec<_> =
-            geometry.chunks(pages.geometry_words()).enumerate().flat_map::<Vec<_>, _>(means_of).collect();
+        // Pages of the first scene, without those of its levels.
+        let own = (0..first.len().min(pages.scenes()[0].end)).take_while(|page| pages.level(*page).level == 0);
+        let elements = own
+            .zip(geometry.chunks(pages.geometry_words()))
+            .flat_map(|(page, words)| words.as_chunks::<4>().0[..pages.pages()[page].count as usize].iter());
+        let means: Vec<_> = elements.map(|[x, y, z, _]| [*x, *y, *z].map(f32::from_bits)).collect();
         let count = pages.statistics().count;
         let hash = blake3::hash(bytemuck::cast_slice(&geometry));
         let tested = SelfTestInput { camera: self_test_camera(&means, options.rules.near), hash };
