@@ -192,20 +192,27 @@ impl Commands {
         make: impl FnOnce(Vec<&mut [T]>),
     ) -> Result<()> {
         let usage = vk::BufferUsageFlags::TRANSFER_SRC;
-        let mut staging = Vec::new();
         for (buffer, range) in places {
             let is_inside = range.start <= range.end && range.end <= buffer.len();
             assert!(is_inside, "an upload to `{}` ends inside it", buffer.name());
-            let bytes = (range.len().max(1) * size_of::<T>()) as u64;
-            // Cached host memory, although the device reads it: many threads write it.
-            staging.push(Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?);
         }
-        let memory = staging.iter_mut().zip(places);
-        make(memory.map(|(s, (_, range))| &mut bytemuck::cast_slice_mut(s.mapped_mut())[..range.len()]).collect());
-        for (staging, (buffer, range)) in staging.into_iter().zip(places).filter(|(_, (_, range))| !range.is_empty()) {
+        let elements: usize = places.iter().map(|(_, range)| range.len()).sum();
+        let bytes = (elements.max(1) * size_of::<T>()) as u64;
+        // Cached host memory, although the device reads it: many threads write it.
+        let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?;
+        let (mut memory, mut rest) = (Vec::new(), bytemuck::cast_slice_mut(staging.mapped_mut()));
+        for (_, range) in places {
+            let (of_place, others) = rest.split_at_mut(range.len());
+            memory.push(of_place);
+            rest = others;
+        }
+        make(memory);
+        let (staging, mut src_offset) = (Arc::new(staging), 0);
+        for (buffer, range) in places.iter().filter(|(_, range)| !range.is_empty()) {
             self.writes(buffer.resource(), "upload", Access::COPY_WRITE);
             let [dst_offset, size] = [range.start, range.len()].map(|len| (len * size_of::<T>()) as u64);
-            self.copy_buffer(&Arc::new(staging), &buffer.storage, vk::BufferCopy { src_offset: 0, dst_offset, size });
+            self.copy_buffer(&staging, &buffer.storage, vk::BufferCopy { src_offset, dst_offset, size });
+            src_offset += size;
         }
         Ok(())
     }

@@ -8,7 +8,7 @@
 //!   waits for them
 //!
 //! The clamp of a level whose children are missing: `glsl/lod/select_pages.comp`, with the limits that
-//! `fallback_limits` of `streaming/fallback` computes. Opacities of cross-fading nodes: `glsl/lod/nodes.glsl`. The
+//! `FallbackLimits` of `streaming/fallback` computes. Opacities of cross-fading nodes: `glsl/lod/nodes.glsl`. The
 //! mathematics of nodes and error codes is in `crate::lod`.
 
 mod frame;

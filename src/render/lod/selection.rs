@@ -41,7 +41,7 @@ pub struct LodSelector {
     /// The page number of each page in the draw list.
     page_numbers: Buffer<u32>,
     pub state: Buffer<SelectionState>,
-    /// The packed fallback limits of each page: `PageHierarchy::pack_limits` (`streaming/fallback`).
+    /// The fallback limits of each page: `FallbackLimits::words` (`streaming/fallback`).
     fallback_limits: Buffer<u32>,
     /// Missing pages of the last selection, with their priorities and error limits.
     requests: Buffer<[u32; 2]>,
@@ -188,13 +188,16 @@ impl LodSelector {
         &self.requests
     }
 
-    /// Uploads the fallback limits of all pages, which `write` packs into one word per page.
+    /// Uploads ranges of the fallback limits of all pages, one word per page.
     ///
     /// # Errors
     /// If memory runs out.
-    pub fn set_fallback_limits(&self, device: &Device, write: impl FnOnce(&mut [u32])) -> Result<InFlight> {
+    pub fn set_fallback_limits(&self, device: &Device, words: &[u32], ranges: &[Range<usize>]) -> Result<InFlight> {
         let mut cmd = Commands::new(device)?;
-        cmd.upload(&self.fallback_limits, 0, self.fallback_limits.len(), write)?;
+        let places: Vec<_> = ranges.iter().map(|range| (&self.fallback_limits, range.clone())).collect();
+        cmd.upload_together(&places, |memory| {
+            memory.into_iter().zip(ranges).for_each(|(to, range)| to.copy_from_slice(&words[range.clone()]));
+        })?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
         cmd.submit()
     }

@@ -1,6 +1,7 @@
 //! The selection of pages against its twin in plain Rust, and properties of its cuts.
 
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 use super::fixtures::{open, opened_scene, with_levels, with_source_levels};
 use super::selection::LodSelector;
@@ -20,7 +21,7 @@ use crate::render::shaders::fast::{BIN_COLUMNS, BIN_ROWS, BLOCK_WIDTH, BLOCKS};
 use crate::render::shaders::lod::*;
 use crate::render::shaders::pages::VIEW_ELEMENTS;
 use crate::render::shaders::{PageBox, PageErrors};
-use crate::render::streaming::fallback::PageHierarchy;
+use crate::render::streaming::fallback::{FallbackLimits, PageHierarchy};
 use crate::rules::Rules;
 use crate::scene::{Focus, Transform};
 
@@ -483,7 +484,8 @@ fn every_cut_stands_for_every_gaussian_once() {
     let scene = opened_scene(&device, &file, &[], &options);
     let all = scene.paged().unwrap().cache().pages().clone();
     let levels = file.levels().unwrap();
-    let (hierarchy, mut state) = (PageHierarchy::new(levels, |_| 0), 7_u64);
+    let mut fallback = FallbackLimits::new(Arc::new(PageHierarchy::new(levels, |_| 0)));
+    let mut state = 7_u64;
     let mut below = |count: u64| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % count
@@ -495,10 +497,10 @@ fn every_cut_stands_for_every_gaussian_once() {
         for exponent in (-40..-4).step_by(9).chain(-4..16) {
             let limit = (f64::from(exponent).exp2() / 255.0).powi(2) as f32;
             let one_in = [0, 2, 20, 200][(exponent & 3) as usize];
-            let is_missing: Vec<bool> =
-                (0..pages.len()).map(|page| page + 1 < pages.len() && one_in > 0 && below(one_in) == 0).collect();
-            let mut fallback = vec![0; pages.len()];
-            hierarchy.pack_limits(&hierarchy.fallback_limits(|page| !is_missing[page as usize]), &mut fallback);
+            let is_missing = |page: usize| page + 1 < pages.len() && one_in > 0 && below(one_in) == 0;
+            let is_resident: Vec<bool> = (0..pages.len()).map(is_missing).map(|is_missing| !is_missing).collect();
+            fallback.set_resident(&is_resident);
+            fallback.fade(u16::MAX);
             // As in nodes.glsl, and without fading for every other limit.
             let fade = if exponent % 2 == 0 { twin.fade } else { 0 };
             let replaced_fraction = |error: u32, limit: u32| match fade {
@@ -508,7 +510,7 @@ fn every_cut_stands_for_every_gaussian_once() {
             };
             let (mut nodes, mut opacity) = (0, 0.0);
             for seen in twin.seen() {
-                let (page, fallback) = (seen.page, fallback[seen.page]);
+                let (page, fallback) = (seen.page, fallback.words()[seen.page]);
                 let [own, of_parent] = twin.limits(&seen, limit);
                 let [own, of_parent] = [own.max(fallback & 0xffff), of_parent.max(fallback >> 16)];
                 let mut drawn = 0;
@@ -524,7 +526,7 @@ fn every_cut_stands_for_every_gaussian_once() {
                         drawn += 1;
                     }
                 }
-                assert!(drawn == 0 || !is_missing[page], "page {page} is missing");
+                assert!(drawn == 0 || is_resident[page], "page {page} is missing");
                 assert!(drawn == 0 || twin.is_in(&seen, [own, of_parent]), "page {page} is in the cut");
                 nodes += drawn;
             }

@@ -5,10 +5,12 @@
 //! *fallback limit*. A fallback limit holds for all groups below, too. Limits then still do not decrease from the root
 //! to the leaves, as the selection requires: on every path to the root exactly one node is drawn, whichever pages are
 //! missing.
+//!
+//! A frame changes few pages, so only limits that depend on changed pages are computed anew.
 
-use std::collections::HashMap;
-
-use rayon::prelude::*;
+use std::collections::{BTreeSet, HashMap};
+use std::ops::Range;
+use std::sync::Arc;
 
 use crate::lod::FINEST;
 use crate::pagefile::{NO_PAGE, PageLod};
@@ -19,14 +21,38 @@ pub struct PageHierarchy {
     groups: Vec<u32>,
     /// For each page, the group with the parents of its nodes; [`NONE`] for the root.
     parent_groups: Vec<u32>,
-    /// Pairs of a group and a group with parents of its nodes, from the root to the leaves.
-    edges: Vec<(u32, u32)>,
+    /// The pages of each group.
+    pages: Lists,
     /// For each group, the pages whose nodes have their parents in it.
-    child_pages: Vec<Vec<u32>>,
+    child_pages: Lists,
     /// For each group, the group with the parents of its coarsest nodes; [`NONE`] for the root.
     ancestors: Vec<u32>,
     /// For each page, the largest error of a parent, as a code.
     parent_errors: Vec<u16>,
+}
+
+/// A list of pages for each group.
+struct Lists {
+    /// Where the list of each group begins, and the end of the last one.
+    begins: Vec<u32>,
+    pages: Vec<u32>,
+}
+
+impl Lists {
+    /// The pages of each of `groups` groups in ascending order; `group_of` has the group of each page, or [`NONE`].
+    fn new(group_of: &[u32], groups: usize) -> Self {
+        let mut pages: Vec<u32> = (0..group_of.len() as u32).filter(|page| group_of[*page as usize] != NONE).collect();
+        pages.sort_by_key(|page| group_of[*page as usize]);
+        let mut begins = vec![0; groups + 1];
+        pages.iter().for_each(|page| begins[group_of[*page as usize] as usize + 1] += 1);
+        (0..groups).for_each(|group| begins[group + 1] += begins[group]);
+        Self { begins, pages }
+    }
+
+    fn of(&self, group: u32) -> &[u32] {
+        let [begin, end] = [0, 1].map(|next| self.begins[group as usize + next] as usize);
+        &self.pages[begin..end]
+    }
 }
 
 /// The requests of one frame, by group.
@@ -41,9 +67,6 @@ pub struct Requests {
 
 /// Less than the offset of any request.
 const NO_REQUEST: i32 = i32::MIN;
-
-/// Pages or groups per thread at least: smaller pieces cost more than they save.
-const MIN_PER_THREAD: usize = 1 << 14;
 
 /// No group.
 const NONE: u32 = u32::MAX;
@@ -62,23 +85,22 @@ impl PageHierarchy {
         }
         let parent_group = |level: &PageLod| if level.parent == NO_PAGE { NONE } else { groups[level.parent as usize] };
         let parent_groups: Vec<u32> = levels.iter().map(parent_group).collect();
-        let mut edges: Vec<_> = groups.iter().copied().zip(parent_groups.iter().copied()).collect();
-        edges.retain(|(group, parent)| group != parent && *parent != NONE);
-        edges.sort_unstable();
-        edges.dedup();
-        let mut child_pages = vec![Vec::new(); group_of_box.len()];
-        for (page, parent) in parent_groups.iter().enumerate().filter(|(_, parent)| **parent != NONE) {
-            child_pages[*parent as usize].push(page as u32);
+        let count = group_of_box.len();
+        let mut ancestors = vec![NONE; count];
+        for (group, parent) in groups.iter().zip(&parent_groups).filter(|(group, parent)| group != parent) {
+            let ancestor = &mut ancestors[*group as usize];
+            if *parent != NONE && (*ancestor == NONE || *parent > *ancestor) {
+                *ancestor = *parent;
+            }
         }
         let parent_errors = levels.iter().map(|level| level.parent_errors[level.parent_errors.len() - 1]).collect();
-        let mut ancestors = vec![NONE; child_pages.len()];
-        edges.iter().for_each(|(group, parent)| ancestors[*group as usize] = *parent);
-        Self { groups, parent_groups, edges, child_pages, ancestors, parent_errors }
+        let (pages, child_pages) = (Lists::new(&groups, count), Lists::new(&parent_groups, count));
+        Self { groups, parent_groups, pages, child_pages, ancestors, parent_errors }
     }
 
     /// An empty set of requests.
     pub fn requests(&self) -> Requests {
-        let groups = self.child_pages.len();
+        let groups = self.ancestors.len();
         Requests { offsets: vec![NO_REQUEST; groups], error_limits: vec![u16::MAX; groups], groups: Vec::new() }
     }
 
@@ -106,7 +128,7 @@ impl PageHierarchy {
     pub fn requested_pages(&self, requests: &Requests) -> impl Iterator<Item = (u32, i32)> {
         requests.groups.iter().flat_map(move |group| {
             let error_limit = requests.error_limits[*group as usize];
-            let children = self.child_pages[*group as usize].iter();
+            let children = self.child_pages.of(*group).iter();
             let above = children.filter(move |page| self.parent_errors[**page as usize] > error_limit);
             above.filter_map(move |page| Some((*page, self.priority(requests, *page)?)))
         })
@@ -117,39 +139,206 @@ impl PageHierarchy {
         let offset = *requests.offsets.get(self.parent_groups[page as usize] as usize)?;
         (offset != NO_REQUEST).then(|| i32::from(self.parent_errors[page as usize]) + offset)
     }
+}
 
-    /// The fallback limit of every group, as a code.
-    pub fn fallback_limits(&self, is_resident: impl Fn(u32) -> bool + Sync) -> Vec<u16> {
-        let fallback_limit = |children: &Vec<u32>| {
-            let missing = children.iter().filter(|page| !is_resident(**page));
-            missing.map(|page| self.parent_errors[*page as usize]).max().unwrap_or(FINEST)
-        };
-        let groups = self.child_pages.par_iter().with_min_len(MIN_PER_THREAD);
-        let mut limits: Vec<u16> = groups.map(fallback_limit).collect();
-        // One pass suffices if parents precede their children, as in files of smalto.
-        let mut has_changed = true;
-        while has_changed {
-            has_changed = false;
-            for (group, parent) in &self.edges {
-                let above = limits[*parent as usize];
-                has_changed |= limits[*group as usize] < above;
-                limits[*group as usize] = limits[*group as usize].max(above);
-            }
+/// The fallback limits of all groups for the resident pages, and the limits that frames use, which may decrease to them
+/// gradually.
+pub struct FallbackLimits {
+    hierarchy: Arc<PageHierarchy>,
+    is_resident: Vec<bool>,
+    /// The fallback limit of each group, as a code.
+    targets: Vec<u16>,
+    /// The limit in use of each group.
+    shown: Vec<u16>,
+    /// The groups whose limit in use is above its target, and others.
+    fading: Vec<u32>,
+    /// The limits in use as the shaders read them, for each page: the limit of its group in the lower half, that of its
+    /// parents' group in the upper half.
+    words: Vec<u32>,
+    /// The blocks of [`BLOCK`] words that have changed.
+    changed: BTreeSet<usize>,
+}
+
+/// Words that are uploaded together.
+const BLOCK: usize = 1024;
+
+impl FallbackLimits {
+    /// The limits while all pages are resident, which are 0.
+    pub fn new(hierarchy: Arc<PageHierarchy>) -> Self {
+        let (groups, pages) = (hierarchy.ancestors.len(), hierarchy.groups.len());
+        Self {
+            is_resident: vec![true; pages],
+            targets: vec![FINEST; groups],
+            shown: vec![FINEST; groups],
+            fading: Vec::new(),
+            words: vec![u32::from(FINEST) | u32::from(FINEST) << 16; pages],
+            changed: BTreeSet::new(),
+            hierarchy,
         }
-        limits
     }
 
-    /// Packs the fallback limits of all pages as the shaders read them: the limit of the page's group in the lower half
-    /// of a word, that of its parents' group in the upper half.
+    /// Sets the resident pages. Limits that must rise do so at once; those that may decrease do in [`Self::fade`].
     ///
     /// # Panics
-    /// If `words` does not have one word per page.
-    pub fn pack_limits(&self, fallback_limits: &[u16], words: &mut [u32]) {
-        assert_eq!(words.len(), self.groups.len(), "every page has its word");
-        let limit = |group: u32| fallback_limits.get(group as usize).copied().unwrap_or(FINEST);
-        let groups = self.groups.par_iter().zip(&self.parent_groups);
-        words.par_iter_mut().zip(groups).with_min_len(MIN_PER_THREAD).for_each(|(word, (group, parent))| {
-            *word = u32::from(limit(*group)) | u32::from(limit(*parent)) << 16;
+    /// If `is_resident` does not have one value per page.
+    pub fn set_resident(&mut self, is_resident: &[bool]) {
+        const COMPARED: usize = 256;
+        assert_eq!(is_resident.len(), self.is_resident.len(), "every page is resident or not");
+        let mut stale = BTreeSet::new();
+        let parts = self.is_resident.chunks(COMPARED).zip(is_resident.chunks(COMPARED)).enumerate();
+        for (part, (before, now)) in parts.filter(|(_, (before, now))| before != now) {
+            let differing = (0..now.len()).filter(|k| before[*k] != now[*k]).map(|k| part * COMPARED + k);
+            stale.extend(differing.map(|page| self.hierarchy.parent_groups[page]).filter(|group| *group != NONE));
+        }
+        self.is_resident.copy_from_slice(is_resident);
+        // Groups from the root: in files of smalto, each is computed once.
+        while let Some(group) = stale.pop_first() {
+            let target = self.target_of(group);
+            if target == self.targets[group as usize] {
+                continue;
+            }
+            self.targets[group as usize] = target;
+            if self.shown[group as usize] < target {
+                self.show(group, target);
+            } else {
+                self.fading.push(group);
+            }
+            let children = self.hierarchy.child_pages.of(group).iter();
+            stale.extend(children.map(|page| self.hierarchy.groups[*page as usize]).filter(|child| *child != group));
+        }
+    }
+
+    /// The fallback limit of a group, from its child pages and the limits of the groups above.
+    fn target_of(&self, group: u32) -> u16 {
+        let PageHierarchy { parent_groups, pages, child_pages, parent_errors, .. } = &*self.hierarchy;
+        let missing = child_pages.of(group).iter().filter(|page| !self.is_resident[**page as usize]);
+        let above = pages.of(group).iter().map(|page| parent_groups[*page as usize]);
+        let above = above.filter(|parent| *parent != NONE && *parent != group);
+        let limits = missing.map(|page| parent_errors[*page as usize]);
+        limits.chain(above.map(|parent| self.targets[parent as usize])).max().unwrap_or(FINEST)
+    }
+
+    fn show(&mut self, group: u32, limit: u16) {
+        self.shown[group as usize] = limit;
+        let own = self.hierarchy.pages.of(group).iter().map(|page| (*page as usize, 0));
+        let children = self.hierarchy.child_pages.of(group).iter().map(|page| (*page as usize, 16));
+        for (page, shift) in own.chain(children) {
+            self.words[page] = self.words[page] & !(0xffff << shift) | u32::from(limit) << shift;
+            self.changed.insert(page / BLOCK);
+        }
+    }
+
+    /// Lowers all limits in use by `step` codes, at most to their targets.
+    pub fn fade(&mut self, step: u16) {
+        let mut fading = std::mem::take(&mut self.fading);
+        fading.sort_unstable();
+        fading.dedup();
+        fading.retain(|group| {
+            let [shown, target] = [&self.shown, &self.targets].map(|limits| limits[*group as usize]);
+            let lower = shown.saturating_sub(step).max(target);
+            if lower != shown {
+                self.show(*group, lower);
+            }
+            lower > target
         });
+        self.fading = fading;
+    }
+
+    /// True if a limit in use may decrease.
+    pub fn is_fading(&self) -> bool {
+        !self.fading.is_empty()
+    }
+
+    /// The limits in use as the shaders read them, one word per page.
+    pub fn words(&self) -> &[u32] {
+        &self.words
+    }
+
+    /// The ranges of words that changed since the last call.
+    pub fn take_changed(&mut self) -> Vec<Range<usize>> {
+        let blocks: Vec<usize> = std::mem::take(&mut self.changed).into_iter().collect();
+        let ranges = blocks.chunk_by(|block, next| block + 1 == *next);
+        ranges.map(|run| run[0] * BLOCK..((run[run.len() - 1] + 1) * BLOCK).min(self.words.len())).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pagefile::write::Settings;
+    use crate::procedural::cactus;
+    use crate::render::lod::fixtures::with_levels;
+
+    /// The fallback limit of the group of a page: the largest parent error of the missing pages whose parents are in
+    /// this group or one above it.
+    fn limit_of(levels: &[PageLod], is_resident: &[bool], page: usize) -> u16 {
+        let bounds = |page: usize| (levels[page].low, levels[page].high, levels[page].reference_width);
+        let (mut above, mut known) = (vec![bounds(page)], 0);
+        while known < above.len() {
+            let of_group = levels.iter().enumerate().filter(|(page, _)| bounds(*page) == above[known]);
+            let parents: Vec<_> =
+                of_group.filter(|(_, level)| level.parent != NO_PAGE).map(|(_, l)| l.parent).collect();
+            for parent in parents.into_iter().map(|parent| bounds(parent as usize)) {
+                if !above.contains(&parent) {
+                    above.push(parent);
+                }
+            }
+            known += 1;
+        }
+        let has_parents_above =
+            |child: &usize| levels[*child].parent != NO_PAGE && above.contains(&bounds(levels[*child].parent as usize));
+        let missing = (0..levels.len()).filter(|child| !is_resident[*child]).filter(has_parents_above);
+        missing.filter_map(|child| levels[child].parent_errors.last().copied()).max().unwrap_or(FINEST)
+    }
+
+    fn below(state: &mut u64, count: u64) -> u64 {
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*state >> 33) % count
+    }
+
+    #[test]
+    fn limits_follow_changed_pages() {
+        let file = with_levels(cactus::cactus(30_000).unwrap(), Settings::LOSSLESS);
+        let levels = file.levels().unwrap();
+        let mut limits = FallbackLimits::new(Arc::new(PageHierarchy::new(levels, |_| 0)));
+        let (mut is_resident, mut state, mut uploaded) = (vec![true; levels.len()], 7, limits.words().to_vec());
+        for change in 0..40 {
+            for _ in 0..1 << (change % 6) {
+                let page = below(&mut state, levels.len() as u64) as usize;
+                is_resident[page] = !is_resident[page];
+            }
+            let before = uploaded.clone();
+            limits.set_resident(&is_resident);
+            let steps = if change % 2 == 0 { [u16::MAX, 0] } else { [300, u16::MAX] };
+            for step in steps {
+                limits.fade(step);
+                limits
+                    .take_changed()
+                    .into_iter()
+                    .for_each(|range| uploaded[range.clone()].copy_from_slice(&limits.words()[range]));
+                assert_eq!(uploaded, limits.words(), "all changed words are uploaded");
+                for (page, level) in levels.iter().enumerate() {
+                    let target = limit_of(levels, &is_resident, page);
+                    let used = uploaded[page] & 0xffff;
+                    let faded = ((before[page] & 0xffff) as u16).saturating_sub(step).max(target);
+                    assert_eq!(used, u32::from(if step == 0 { target } else { faded }), "change {change}, page {page}");
+                    let of_parents =
+                        if level.parent == NO_PAGE { FINEST.into() } else { uploaded[level.parent as usize] & 0xffff };
+                    assert_eq!(uploaded[page] >> 16, of_parents, "change {change}, page {page}");
+                }
+                assert_eq!(
+                    limits.is_fading(),
+                    step == 300
+                        && uploaded
+                            .iter()
+                            .enumerate()
+                            .any(|(page, word)| word & 0xffff > u32::from(limit_of(levels, &is_resident, page)))
+                );
+            }
+        }
+        is_resident.fill(true);
+        limits.set_resident(&is_resident);
+        limits.fade(u16::MAX);
+        assert!(limits.words().iter().all(|word| *word == 0) && !limits.is_fading(), "nothing is missing");
     }
 }

@@ -12,8 +12,8 @@
 //!    with `LoadedPage::read` (`scene/page_cache`). `PageStreamer::poll` collects them.
 //! 4. **Insert and evict**. Before the next frame, `PageStreamer::advance` (`streamer`) passes loaded pages to
 //!    `PageCache::insert` (`scene/page_cache`), which evicts pages to free their slots and copies the new pages there.
-//! 5. **Fallback limits**. `PageHierarchy::fallback_limits` (`fallback`) computes the least limits with which no
-//!    missing child page is needed, and `select_pages.comp` clamps the selected limits to them;
+//! 5. **Fallback limits**. `FallbackLimits::set_resident` (`fallback`) computes the least limits with which no missing
+//!    child page is needed, where pages changed, and `select_pages.comp` clamps the selected limits to them;
 //!    `PageStreamer::fade_limits` (`streamer`) lowers the limits in use gradually, so that finer levels fade in.
 //!    `LodSelector::set_fallback_limits` (`lod/selection`) uploads them for the next selection.
 //!

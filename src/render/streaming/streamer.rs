@@ -11,7 +11,7 @@ use anyhow::Result;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use rayon::ThreadPool;
 
-use super::fallback::PageHierarchy;
+use super::fallback::{FallbackLimits, PageHierarchy};
 use super::prefetch::{CameraMotion, MotionClock};
 use super::schedule::{LoadSchedule, ResidencySnapshot};
 use crate::camera::Camera;
@@ -37,16 +37,11 @@ pub struct PageStreamer {
     uploaded_generation: Option<u64>,
     /// The last upload of fallback limits.
     upload: Option<InFlight>,
-    /// The fallback limits of the resident pages, by group.
-    target_limits: Vec<u16>,
-    /// The limits used for drawing. With fading, they decrease gradually to `target_limits`.
-    shown_limits: Vec<u16>,
-    /// While the limits decrease: the time of the last step, and the end.
+    fallback_limits: FallbackLimits,
+    /// While fallback limits decrease: the time of the last step, and the end.
     fade: Option<[Instant; 2]>,
     has_fading: bool,
     readers: ThreadPool,
-    /// Threads that compute fallback limits, and nothing else, since a frame waits for them.
-    limit_workers: ThreadPool,
     sender: Sender<LoadEvent>,
     receiver: Receiver<LoadEvent>,
     /// Memory of inserted pages, for reuse: an allocation by the system stalls all threads.
@@ -122,7 +117,7 @@ const MAX_LOADING: usize = 512;
 const MAX_LOADING_TO_PREFETCH: usize = MAX_LOADING / 4;
 /// Priority that prefetched pages lose, in steps of error codes: two powers of two.
 const PREFETCH_PENALTY: u32 = 2 * CODES_PER_OCTAVE as u32;
-/// Number of reading threads, and of threads that compute fallback limits.
+/// Number of reading threads.
 const THREADS: usize = 8;
 /// Time in which a fallback limit fades by a power of two.
 const FADE_PER_OCTAVE: Duration = Duration::from_millis(60);
@@ -145,19 +140,18 @@ impl PageStreamer {
         selector.reserve_requests(device, MAX_REQUESTS)?;
         let (sender, receiver) = unbounded();
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS);
+        let hierarchy = Arc::new(hierarchy(&pages));
         Ok(Self {
             paged: paged.clone(),
-            hierarchy: Arc::new(hierarchy(&pages)),
+            fallback_limits: FallbackLimits::new(hierarchy.clone()),
+            hierarchy,
             pinned,
             pages,
             uploaded_generation: None,
             upload: None,
-            target_limits: Vec::new(),
-            shown_limits: Vec::new(),
             fade: None,
             has_fading,
             readers: pool(threads)?,
-            limit_workers: pool(threads)?,
             sender,
             receiver,
             spare_memory: unbounded(),
@@ -201,17 +195,15 @@ impl PageStreamer {
         let has_changed = self.uploaded_generation != Some(cache.generation());
         if has_changed {
             self.uploaded_generation = Some(cache.generation());
-            let residency = cache.residency();
-            let limits = || self.hierarchy.fallback_limits(|page| residency[page as usize]);
-            self.target_limits = self.limit_workers.install(limits);
+            self.fallback_limits.set_resident(cache.residency());
         }
         if has_changed || self.fade.is_some() {
             self.fade_limits(has_changed);
-            let pack = |words: &mut [u32]| {
-                self.limit_workers.install(|| self.hierarchy.pack_limits(&self.shown_limits, words));
-            };
-            // The previous upload was submitted before the last frame, so this hardly waits for it.
-            self.upload = Some(selector.set_fallback_limits(device, pack)?);
+            let changed = self.fallback_limits.take_changed();
+            if !changed.is_empty() {
+                // The previous upload was submitted before the last frame, so this hardly waits for it.
+                self.upload = Some(selector.set_fallback_limits(device, self.fallback_limits.words(), &changed)?);
+            }
         }
         // Stamps wrap around to 1, which is less than all stamps recorded by shaders, so these are cleared.
         self.params.stamp = self.params.stamp.checked_add(1).unwrap_or(1);
@@ -224,24 +216,17 @@ impl PageStreamer {
         Ok(())
     }
 
-    /// Moves the shown fallback limits towards those of the resident pages.
+    /// Lowers the fallback limits in use towards those of the resident pages.
     fn fade_limits(&mut self, has_changed: bool) {
         let now = Instant::now();
-        let is_first = self.shown_limits.is_empty();
         let [before, end] = match self.fade {
             Some([before, end]) => [before, if has_changed { now + FADE_TIME } else { end }],
             None => [now, now + FADE_TIME],
         };
-        if is_first || !self.has_fading || now >= end {
-            self.shown_limits.clone_from(&self.target_limits);
-            self.fade = None;
-            return;
-        }
+        let is_last = !self.has_fading || now >= end;
         let step = (CODES_PER_OCTAVE * (now - before).div_duration_f64(FADE_PER_OCTAVE)) as u16;
-        for (shown, target) in self.shown_limits.iter_mut().zip(&self.target_limits) {
-            *shown = shown.saturating_sub(step).max(*target);
-        }
-        self.fade = Some([now, end]);
+        self.fallback_limits.fade(if is_last { u16::MAX } else { step });
+        self.fade = self.fallback_limits.is_fading().then_some([now, end]);
     }
 
     /// Records the read-back of a frame's requests, then the selection for the predicted camera and its requests.
