@@ -8,7 +8,8 @@
 //!
 //! A frame changes few pages, so only limits that depend on changed pages are computed anew.
 
-use std::collections::{BTreeSet, HashMap};
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -41,11 +42,15 @@ struct Lists {
 impl Lists {
     /// The pages of each of `groups` groups in ascending order; `group_of` has the group of each page, or [`NONE`].
     fn new(group_of: &[u32], groups: usize) -> Self {
-        let mut pages: Vec<u32> = (0..group_of.len() as u32).filter(|page| group_of[*page as usize] != NONE).collect();
-        pages.sort_by_key(|page| group_of[*page as usize]);
+        let listed = || (0_u32..).zip(group_of).filter(|(_, group)| **group != NONE);
         let mut begins = vec![0; groups + 1];
-        pages.iter().for_each(|page| begins[group_of[*page as usize] as usize + 1] += 1);
+        listed().for_each(|(_, group)| begins[*group as usize + 1] += 1);
         (0..groups).for_each(|group| begins[group + 1] += begins[group]);
+        let (mut ends, mut pages) = (begins.clone(), vec![0; begins[groups] as usize]);
+        for (page, group) in listed() {
+            pages[ends[*group as usize] as usize] = page;
+            ends[*group as usize] += 1;
+        }
         Self { begins, pages }
     }
 
@@ -150,13 +155,14 @@ pub struct FallbackLimits {
     targets: Vec<u16>,
     /// The limit in use of each group.
     shown: Vec<u16>,
-    /// The groups whose limit in use is above its target, and others.
+    /// The groups whose limit in use may be above its target, and a mark for each of them.
     fading: Vec<u32>,
+    is_fading: Vec<bool>,
     /// The limits in use as the shaders read them, for each page: the limit of its group in the lower half, that of its
     /// parents' group in the upper half.
     words: Vec<u32>,
-    /// The blocks of [`BLOCK`] words that have changed.
-    changed: BTreeSet<usize>,
+    /// For each block of [`BLOCK`] words, true if it has changed.
+    has_changed: Vec<bool>,
 }
 
 /// Words that are uploaded together.
@@ -171,8 +177,9 @@ impl FallbackLimits {
             targets: vec![FINEST; groups],
             shown: vec![FINEST; groups],
             fading: Vec::new(),
+            is_fading: vec![false; groups],
             words: vec![u32::from(FINEST) | u32::from(FINEST) << 16; pages],
-            changed: BTreeSet::new(),
+            has_changed: vec![false; pages.div_ceil(BLOCK)],
             hierarchy,
         }
     }
@@ -184,15 +191,19 @@ impl FallbackLimits {
     pub fn set_resident(&mut self, is_resident: &[bool]) {
         const COMPARED: usize = 256;
         assert_eq!(is_resident.len(), self.is_resident.len(), "every page is resident or not");
-        let mut stale = BTreeSet::new();
+        let mut stale = BinaryHeap::new();
         let parts = self.is_resident.chunks(COMPARED).zip(is_resident.chunks(COMPARED)).enumerate();
         for (part, (before, now)) in parts.filter(|(_, (before, now))| before != now) {
             let differing = (0..now.len()).filter(|k| before[*k] != now[*k]).map(|k| part * COMPARED + k);
-            stale.extend(differing.map(|page| self.hierarchy.parent_groups[page]).filter(|group| *group != NONE));
+            let groups = differing.map(|page| self.hierarchy.parent_groups[page]).filter(|group| *group != NONE);
+            stale.extend(groups.map(Reverse));
         }
         self.is_resident.copy_from_slice(is_resident);
         // Groups from the root: in files of smalto, each is computed once.
-        while let Some(group) = stale.pop_first() {
+        while let Some(Reverse(group)) = stale.pop() {
+            while stale.peek() == Some(&Reverse(group)) {
+                stale.pop();
+            }
             let target = self.target_of(group);
             if target == self.targets[group as usize] {
                 continue;
@@ -200,11 +211,12 @@ impl FallbackLimits {
             self.targets[group as usize] = target;
             if self.shown[group as usize] < target {
                 self.show(group, target);
-            } else {
+            } else if !std::mem::replace(&mut self.is_fading[group as usize], true) {
                 self.fading.push(group);
             }
             let children = self.hierarchy.child_pages.of(group).iter();
-            stale.extend(children.map(|page| self.hierarchy.groups[*page as usize]).filter(|child| *child != group));
+            let children = children.map(|page| self.hierarchy.groups[*page as usize]).filter(|child| *child != group);
+            stale.extend(children.map(Reverse));
         }
     }
 
@@ -224,21 +236,20 @@ impl FallbackLimits {
         let children = self.hierarchy.child_pages.of(group).iter().map(|page| (*page as usize, 16));
         for (page, shift) in own.chain(children) {
             self.words[page] = self.words[page] & !(0xffff << shift) | u32::from(limit) << shift;
-            self.changed.insert(page / BLOCK);
+            self.has_changed[page / BLOCK] = true;
         }
     }
 
     /// Lowers all limits in use by `step` codes, at most to their targets.
     pub fn fade(&mut self, step: u16) {
         let mut fading = std::mem::take(&mut self.fading);
-        fading.sort_unstable();
-        fading.dedup();
         fading.retain(|group| {
             let [shown, target] = [&self.shown, &self.targets].map(|limits| limits[*group as usize]);
             let lower = shown.saturating_sub(step).max(target);
             if lower != shown {
                 self.show(*group, lower);
             }
+            self.is_fading[*group as usize] = lower > target;
             lower > target
         });
         self.fading = fading;
@@ -256,9 +267,10 @@ impl FallbackLimits {
 
     /// The ranges of words that changed since the last call.
     pub fn take_changed(&mut self) -> Vec<Range<usize>> {
-        let blocks: Vec<usize> = std::mem::take(&mut self.changed).into_iter().collect();
-        let ranges = blocks.chunk_by(|block, next| block + 1 == *next);
-        ranges.map(|run| run[0] * BLOCK..((run[run.len() - 1] + 1) * BLOCK).min(self.words.len())).collect()
+        let blocks: Vec<usize> = (0..self.has_changed.len()).filter(|block| self.has_changed[*block]).collect();
+        self.has_changed.fill(false);
+        let runs = blocks.chunk_by(|block, next| block + 1 == *next);
+        runs.map(|run| run[0] * BLOCK..((run[run.len() - 1] + 1) * BLOCK).min(self.words.len())).collect()
     }
 }
 
