@@ -19,17 +19,17 @@ pub(super) struct Drawable {
 }
 
 impl Drawable {
-    /// Opens a scene for a device, if any.
-    pub fn read(scene: &SceneArg, device: Option<&Device>) -> Result<Self> {
-        match Self::in_pages(scene)? {
+    /// Opens a scene for a device, if any; `wants_levels`: with levels of detail, if it has some.
+    pub fn read(scene: &SceneArg, wants_levels: bool, device: Option<&Device>) -> Result<Self> {
+        match Self::in_pages(scene, wants_levels)? {
             Some(paged) => Ok(paged),
             None => Ok(Self::of(scene, scene.read_for(device)?)),
         }
     }
 
-    /// The scene, if it is a page file and is drawn as it is.
-    pub fn in_pages(scene: &SceneArg) -> Result<Option<Self>> {
-        let file = scene.page_file()?;
+    /// The scene, if it is a page file and is drawn as it is; `wants_levels`: also a streamed SOG.
+    pub fn in_pages(scene: &SceneArg, wants_levels: bool) -> Result<Option<Self>> {
+        let file = if wants_levels { scene.file_with_levels()? } else { scene.page_file()? };
         Ok(file.map(|file| Self { source: SceneSource::of_file(file), title: scene.title() }))
     }
 

@@ -127,6 +127,11 @@ impl Knobs {
         self.0.iter().any(|(knob, _)| knob.group == Group::Accuracy)
     }
 
+    /// True if scenes with levels of detail may be drawn simplified.
+    pub fn wants_levels(&self) -> bool {
+        self.options(&Options::EXACT, false, f32::INFINITY).wants_levels()
+    }
+
     /// Fails if the GPU cannot draw by these rules.
     pub fn check_gpu(&self) -> Result<(), Usage> {
         match self.options(&Options::EXACT, false, f32::INFINITY).undrawable() {

@@ -217,3 +217,31 @@ fn what_has_no_levels_to_keep_is_refused() {
     ok(&["lod", &out, "-o", &path(&folder, "new/lod-meta.json")]);
     assert_eq!(level(&folder.path().join("new"), 0).len(), 366);
 }
+
+/// Commands draw the levels of a streamed SOG as they draw those of a page file, and leave no file behind.
+#[test]
+fn a_streamed_sog_is_drawn_by_its_levels() {
+    let folder = tempfile::tempdir().unwrap();
+    let [streamed, kept, a, b] = ["s/lod-meta.json", "kept.smalto", "a.png", "b.png"].map(|name| path(&folder, name));
+    ok(&["lod", "cactus:40000", "-o", &streamed]);
+    ok(&["lod", &streamed, "--keep-levels", "-o", &kept]);
+    let temporary = tempfile::tempdir().unwrap();
+    let draw = |scene: &str, more: &[&str], out: &str| {
+        let arguments = [&["render", scene, "--size", "96x64", "-o", out], more].concat();
+        let output = program::run(&arguments, |command| drop(command.env("TMPDIR", temporary.path())));
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert_eq!(fs::read_dir(temporary.path()).unwrap().count(), 0, "{arguments:?}");
+        (String::from_utf8(output.stdout).unwrap(), fs::read(out).unwrap())
+    };
+    for limit in [["--splats", "6000"], ["--lod-psnr", "30"]] {
+        let (said, own) = draw(&streamed, &limit, &a);
+        assert!(said.contains("of the levels"), "{said}");
+        assert!(own == draw(&kept, &limit, &b).1, "{limit:?}");
+    }
+    // The folder names the same scene; without a limit, the finest level is drawn from memory.
+    assert!(draw(&path(&folder, "s"), &["--splats", "6000"], &a).1 == draw(&kept, &["--splats", "6000"], &b).1);
+    let (said, own) = draw(&streamed, &[], &a);
+    assert!(!said.contains("levels") && own == draw(&kept, &[], &b).1, "{said}");
+    let one_level = ["render", &streamed, "--sog-level", "0", "--splats", "6000", "-o", &a];
+    assert!(fails(2, &one_level).contains("there are no levels of detail here"));
+}

@@ -11,6 +11,7 @@ use smalto::viewer::{Offscreen, Setup};
 
 use super::frames::{open, setup, shown};
 use crate::common::Gpu;
+use crate::common::program::{ok, path};
 
 fn max_error(a: &Pixels, b: &Pixels) -> f32 {
     let apart = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max);
@@ -71,6 +72,23 @@ fn streamed_scenes_and_others_share_a_window() {
     let totals = paged.session.pair.first.as_ref().unwrap().frame.totals;
     let apart = max_error(&shown(&mut paged), &fine);
     assert!(apart > 0.05 && (5000..9000).contains(&totals.visible), "{apart}, {} visible", totals.visible);
+    assert_eq!(gpu.0.validation_messages(), Vec::<String>::new());
+}
+
+/// With a splat budget, the levels of a streamed SOG are streamed like those of a page file that keeps them.
+#[test]
+fn levels_of_a_streamed_sog_are_streamed() {
+    let (gpu, folder) = (Gpu::new(), tempfile::tempdir().unwrap());
+    let [streamed, kept] = ["s/lod-meta.json", "kept.smalto"].map(|name| path(&folder, name));
+    ok(&["lod", "cactus:40000", "-o", &streamed]);
+    ok(&["lod", &streamed, "--keep-levels", "-o", &kept]);
+    let of = |scene: &str, splats: u32| Setup { options: Options { splats, ..Options::EXACT }, ..setup(&[scene]) };
+    let [mut own, mut expected] = [&streamed, &kept].map(|scene| open(&gpu, of(scene, 6000)));
+    let residency = own.session.residency().unwrap();
+    assert!(residency.missing == 0 && residency.is_settled() && residency.resident > 8, "{residency:?}");
+    assert_eq!(max_error(&shown(&mut own), &shown(&mut expected)), 0.0);
+    let whole = open(&gpu, of(&streamed, 0));
+    assert!(whole.session.residency().is_none(), "without a limit, the finest level is in memory");
     assert_eq!(gpu.0.validation_messages(), Vec::<String>::new());
 }
 

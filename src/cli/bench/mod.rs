@@ -195,7 +195,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         baseline.same_conditions(&report).map_err(other_conditions)?;
     }
     for scene in args.scenes() {
-        let scene = Loaded::read(&scene, args.reading, instances.clone(), &device)?;
+        let scene = Loaded::read(&scene, args, instances.clone(), &device)?;
         let checked = args.check.then(|| scene.drawable.in_memory("--check")).transpose()?;
         for (preset, size) in args.preset.iter().flat_map(|p| args.size.iter().map(move |s| (p, *s))) {
             let (views, nearest) =
@@ -271,9 +271,9 @@ struct Loaded {
 }
 
 impl Loaded {
-    fn read(path: &Path, reading: ReadingArgs, instances: Option<SceneInstances>, device: &Device) -> Result<Self> {
-        let scene = SceneArg { scene: path.to_owned(), reading };
-        let drawable = Drawable::read(&scene, Some(device))?.placed(instances);
+    fn read(path: &Path, args: &Args, instances: Option<SceneInstances>, device: &Device) -> Result<Self> {
+        let scene = SceneArg { scene: path.to_owned(), reading: args.reading };
+        let drawable = Drawable::read(&scene, args.knobs.wants_levels(), Some(device))?.placed(instances);
         let report = drawable.report();
         ensure!(report.gaussians > 0, "{}: the scene has no Gaussians", scene.title());
         Ok(Self { report, drawable, town: scene.town()? })

@@ -85,7 +85,8 @@ impl Start {
 /// Opens the devices and reads the scene, at the same time if that is a file. Without a device it fails at once. The
 /// reference has no devices.
 pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> {
-    if let Some(scene) = Drawable::in_pages(&args.scene)?.filter(|_| !args.reference) {
+    let wants_levels = args.knobs.wants_levels();
+    if let Some(scene) = Drawable::in_pages(&args.scene, wants_levels)?.filter(|_| !args.reference) {
         args.start.end("reading");
         return Ok((open(args, usize::MAX)?, scene));
     }

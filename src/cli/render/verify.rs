@@ -228,7 +228,7 @@ struct LazyScene<'a> {
 impl LazyScene<'_> {
     fn get(&self) -> Result<&Drawable> {
         if self.read.get().is_none() {
-            _ = self.read.set(Drawable::read(self.arg, None)?.placed(read_places(self.places)?));
+            _ = self.read.set(Drawable::read(self.arg, false, None)?.placed(read_places(self.places)?));
         }
         self.read.get().ok_or_else(|| anyhow!("the scene was not kept"))
     }

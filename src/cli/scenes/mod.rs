@@ -16,9 +16,10 @@ use crate::camera::Up;
 use crate::cli::headings::SCENE;
 use crate::cli::values::whole;
 use crate::cli::{Usage, progress, remark};
-use crate::formats::Reading;
+use crate::formats::{Reading, StreamedLevels};
 use crate::gpu::Device;
 use crate::pagefile::PageFile;
+use crate::pagefile::write::temporary_levels;
 use crate::procedural::Procedural;
 use crate::render::GpuScene;
 use crate::scene::{NoLevel, Scene, Transform, Watch};
@@ -131,6 +132,33 @@ impl SceneArg {
             Some(path) => Ok(Some(PageFile::open(&path)?)),
             None => Ok(None),
         }
+    }
+
+    /// Reads all levels of a streamed SOG, and prints to stderr what was dropped or clamped. `None` for other scenes.
+    pub fn read_levels(&self) -> Result<Option<StreamedLevels>> {
+        let Some(path) = self.path() else { return Ok(None) };
+        let bar = progress::Bar::new("reading");
+        let set = |fraction| bar.set(fraction);
+        match self.reading.reading()?.read_levels(&path, &Watch::of_progress(&set)) {
+            Ok(levels) => {
+                self.remark(&levels.scene);
+                Ok(Some(levels))
+            }
+            Err(error) if error.is::<NoLevel>() => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The page file of the scene, or one with the levels of a streamed SOG, whose errors are measured first.
+    pub fn file_with_levels(&self) -> Result<Option<PageFile>> {
+        if let Some(file) = self.page_file()? {
+            return Ok(Some(file));
+        }
+        let Some(levels) = self.reading.is_plain().then(|| self.read_levels()).transpose()?.flatten() else {
+            return Ok(None);
+        };
+        let bar = progress::Bar::new("measuring levels");
+        temporary_levels(&levels, self.title(), &|fraction| bar.set(fraction), &|| false).map(Some)
     }
 
     /// Reads the file or makes the procedural scene. Prints to stderr what was dropped or clamped.

@@ -136,7 +136,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         return Err(Usage("trade sets the knobs itself; only rules of the picture can be set".to_owned()).into());
     }
     check_plots(args.plot.as_deref())?;
-    let paged = Drawable::in_pages(&args.scene)?.filter(|paged| paged.source.has_levels());
+    let wants_levels = args.parts.as_ref().is_some_and(|parts| parts.contains(&Part::Levels));
+    let paged = Drawable::in_pages(&args.scene, wants_levels)?.filter(|paged| paged.source.has_levels());
     let parts = checked_parts(args, paged.is_some())?;
     let budget = args.budget.budget()?;
     args.json.as_ref().map_or(Ok(()), Sink::check)?;

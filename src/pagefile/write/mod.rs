@@ -22,4 +22,4 @@ mod source_levels;
 pub use convert::{Blocks, Finished, Job, LEAST_MEMORY, Settings, Take, write_blocks, write_whole};
 pub use hierarchy_layout::{Subtree, levels_of_pages, subtrees};
 pub use in_order::write_in_order;
-pub use source_levels::write_source_levels;
+pub use source_levels::{temporary_levels, write_source_levels};

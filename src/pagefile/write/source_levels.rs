@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Context, Result, ensure};
 use rayon::prelude::*;
 
-use super::convert::{Finished, Job, PAGES, STATE, check_count, complete};
+use super::convert::{Finished, Job, PAGES, STATE, Settings, check_count, complete};
 use super::group_checkpoint::GroupBounds;
 use super::hierarchy::{LEAST_TYPICAL, tempered};
 use super::output::Output;
@@ -15,12 +15,30 @@ use crate::files::Checkpoint;
 use crate::formats::{Leaf, StreamedLevels};
 use crate::lod::{NEVER, Nodes, Replacement, code_of, median, replacement};
 use crate::packing::Statistics;
-use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageLod};
+use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageFile, PageLod};
 use crate::scene::{Gaussians, along_curve};
 
 /// Most pages, beyond a multiple of those that would hold all Gaussians. Each level of a leaf has pages of its own.
 const MOST_PAGES: usize = 4096;
 const MOST_PER_FULL: usize = 16;
+
+/// A page file with the levels of a source, which is removed when it is closed. `title` is the name of the source.
+///
+/// # Errors
+/// As [`write_source_levels`].
+pub fn temporary_levels(
+    levels: &StreamedLevels,
+    title: String,
+    progress: &(dyn Fn(f64) + Sync),
+    is_cancelled: &(dyn Fn() -> bool + Sync),
+) -> Result<PageFile> {
+    let folder = tempfile::tempdir().context("a temporary folder for levels cannot be made")?;
+    let output = &folder.path().join("levels.smalto");
+    let settings = Settings { has_levels: true, ..Settings::default() };
+    write_source_levels(&Job { output, settings, title, progress, is_cancelled }, levels)?;
+    // The file stays readable while it is open.
+    PageFile::open(output)
+}
 
 /// Writes a scene with the levels of its source. Each leaf is a group, of which all nodes of a level have one error,
 /// so that exactly one level of a leaf is drawn. The errors are measured.

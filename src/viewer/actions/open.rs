@@ -74,7 +74,7 @@ impl Viewer {
             self.read_cameras(&cameras, Origin::Found);
         }
         let number = self.scenes.next_number();
-        self.scenes.layers.push(Layer::open(number, source, reading, &self.jobs));
+        self.scenes.layers.push(Layer::open(number, source, reading, self.options.wants_levels(), &self.jobs));
     }
 
     /// Starts to read a camera file that the user named.

@@ -106,7 +106,7 @@ impl Viewer {
         }
         for ((scene, source), places) in project.scenes.iter().zip(sources).zip(places) {
             let number = self.scenes.next_number();
-            let mut layer = Layer::open(number, source, Reading::default(), &self.jobs);
+            let mut layer = Layer::open(number, source, Reading::default(), options.wants_levels(), &self.jobs);
             (layer.placement, layer.is_shown, layer.project_edit) =
                 (scene.placement(), scene.shown, scene.edit.clone());
             (layer.appearance, layer.places) = (scene.appearance, places);

@@ -16,8 +16,9 @@ use crate::formats;
 use crate::formats::Reading;
 use crate::pagefile;
 use crate::pagefile::PageFile;
+use crate::pagefile::write::temporary_levels;
 use crate::procedural::Procedural;
-use crate::scene::{Focus, Gaussians, Scene, SceneInstances, Transform, Watch, remarks};
+use crate::scene::{Focus, Gaussians, NoLevel, Scene, SceneInstances, Transform, Watch, remarks};
 use crate::viewer::jobs::{Cancel, FileStamp, file_watch};
 
 /// The source of a scene.
@@ -60,6 +61,8 @@ pub struct Layer {
     pub has_changed: bool,
     /// How the file is read.
     pub reading: Reading,
+    /// True if a streamed SOG is read with all of its levels.
+    wants_levels: bool,
     /// Stamp of the file when it was read last.
     stamp: FileStamp,
     cancel: Cancel,
@@ -124,8 +127,8 @@ impl LayerSource {
 }
 
 impl Layer {
-    /// A layer whose scene a job starts to read.
-    pub fn open(number: u64, source: LayerSource, reading: Reading, jobs: &Jobs) -> Self {
+    /// A layer whose scene a job starts to read; `wants_levels`: with all levels of a streamed SOG.
+    pub fn open(number: u64, source: LayerSource, reading: Reading, wants_levels: bool, jobs: &Jobs) -> Self {
         let mut layer = Self {
             number,
             name: source.name(),
@@ -145,6 +148,7 @@ impl Layer {
             is_loaded: false,
             has_changed: false,
             reading,
+            wants_levels,
             stamp: None,
             cancel: Cancel::default(),
         };
@@ -210,6 +214,7 @@ impl Layer {
             is_loaded: true,
             has_changed: false,
             reading: whole.reading,
+            wants_levels: whole.wants_levels,
             stamp: None,
             cancel: Cancel::default(),
         }))
@@ -217,7 +222,8 @@ impl Layer {
 
     /// Starts a job that reads the scene. The scene that was read before stays until the job has finished.
     pub fn read(&mut self, jobs: &Jobs) {
-        let (number, reading, shows_parts) = (self.number, self.reading, !self.is_loaded);
+        let (number, shows_parts) = (self.number, !self.is_loaded);
+        let (reading, wants_levels) = (self.reading, self.wants_levels);
         let (source, cancel) = (self.source.clone(), self.cancel.clone());
         if let LayerSource::File(path) = &source {
             self.stamp = file_watch::stamp(path);
@@ -227,7 +233,7 @@ impl Layer {
             move |reporter| {
                 let part = |part| reporter.send(JobEvent::Partial(number, part));
                 let progress = |fraction| reporter.send(JobEvent::Reading(number, fraction));
-                read(source, reading, &progress, shows_parts.then_some(&part), &cancel)
+                read(source, reading, wants_levels, &progress, shows_parts.then_some(&part), &cancel)
             },
             move |opened| JobEvent::Read(number, opened),
         );
@@ -304,7 +310,8 @@ impl Layer {
 fn read(
     source: LayerSource,
     reading: Reading,
-    progress: &dyn Fn(f64),
+    wants_levels: bool,
+    progress: &(dyn Fn(f64) + Sync),
     show: Option<&dyn Fn(Arc<Gaussians>)>,
     cancel: &Cancel,
 ) -> Result<OpenedScene> {
@@ -316,6 +323,20 @@ fn read(
         && let Some(file) = lod_file(&path)
     {
         return Ok(OpenedScene::Paged(Arc::new(file)));
+    }
+    if reading == Reading::default() && wants_levels {
+        let half = |begin: f64| move |fraction: f64| progress(begin + 0.5 * fraction);
+        let (is_cancelled, first) = (|| cancel.is_cancelled(), half(0.0));
+        let watch = Watch { progress: &first, is_cancelled: &is_cancelled, ..Watch::NONE };
+        match reading.read_levels(&path, &watch) {
+            Ok(levels) => {
+                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                let file = temporary_levels(&levels, name, &half(0.5), &is_cancelled)?;
+                return Ok(OpenedScene::Paged(Arc::new(file)));
+            }
+            Err(error) if error.is::<NoLevel>() => {}
+            Err(error) => return Err(error),
+        }
     }
     let watch = Watch {
         progress,
