@@ -19,7 +19,7 @@ pub(super) struct Drawable {
 }
 
 impl Drawable {
-    /// Opens a scene for a device, if any; `wants_levels`: with levels of detail, if it has some.
+    /// Opens a scene for a device, if any; `wants_levels`: with the levels of a streamed SOG.
     pub fn read(scene: &SceneArg, wants_levels: bool, device: Option<&Device>) -> Result<Self> {
         match Self::in_pages(scene, wants_levels)? {
             Some(paged) => Ok(paged),
@@ -27,9 +27,13 @@ impl Drawable {
         }
     }
 
-    /// The scene, if it is a page file and is drawn as it is; `wants_levels`: also a streamed SOG.
+    /// The scene, if it is a page file and is drawn as it is; `wants_levels`: also a streamed SOG, whose levels are
+    /// measured and written to a temporary file.
     pub fn in_pages(scene: &SceneArg, wants_levels: bool) -> Result<Option<Self>> {
-        let file = if wants_levels { scene.file_with_levels()? } else { scene.page_file()? };
+        let file = match scene.page_file()? {
+            None if wants_levels => scene.source_levels()?,
+            file => file,
+        };
         Ok(file.map(|file| Self { source: SceneSource::of_file(file), title: scene.title() }))
     }
 
@@ -78,7 +82,7 @@ impl Drawable {
         match &self.source.content {
             Content::Memory { gaussians, statistics } => Ok((gaussians, statistics)),
             Content::File(_) => Err(Usage(format!(
-                "{option} compares with the reference, which draws scenes in memory: {} is a page file",
+                "{option} compares with the reference, which draws scenes in memory: {} is drawn from pages",
                 self.title
             ))
             .into()),

@@ -192,28 +192,54 @@ impl Commands {
         make: impl FnOnce(Vec<&mut [T]>),
     ) -> Result<()> {
         let usage = vk::BufferUsageFlags::TRANSFER_SRC;
+        let mut staging = Vec::new();
         for (buffer, range) in places {
             let is_inside = range.start <= range.end && range.end <= buffer.len();
             assert!(is_inside, "an upload to `{}` ends inside it", buffer.name());
+            let bytes = (range.len().max(1) * size_of::<T>()) as u64;
+            // Cached host memory, although the device reads it: many threads write it.
+            staging.push(Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?);
         }
-        let elements: usize = places.iter().map(|(_, range)| range.len()).sum();
-        let bytes = (elements.max(1) * size_of::<T>()) as u64;
-        // Cached host memory, although the device reads it: many threads write it.
-        let mut staging = Storage::new(&self.device.0, "upload", bytes, usage, MemoryLocation::GpuToCpu)?;
-        let (mut memory, mut rest) = (Vec::new(), bytemuck::cast_slice_mut(staging.mapped_mut()));
-        for (_, range) in places {
-            let (of_place, others) = rest.split_at_mut(range.len());
-            memory.push(of_place);
-            rest = others;
-        }
-        make(memory);
-        let (staging, mut src_offset) = (Arc::new(staging), 0);
-        for (buffer, range) in places.iter().filter(|(_, range)| !range.is_empty()) {
+        let memory = staging.iter_mut().zip(places);
+        make(memory.map(|(s, (_, range))| &mut bytemuck::cast_slice_mut(s.mapped_mut())[..range.len()]).collect());
+        for (staging, (buffer, range)) in staging.into_iter().zip(places).filter(|(_, (_, range))| !range.is_empty()) {
             self.writes(buffer.resource(), "upload", Access::COPY_WRITE);
             let [dst_offset, size] = [range.start, range.len()].map(|len| (len * size_of::<T>()) as u64);
-            self.copy_buffer(&staging, &buffer.storage, vk::BufferCopy { src_offset, dst_offset, size });
-            src_offset += size;
+            self.copy_buffer(&Arc::new(staging), &buffer.storage, vk::BufferCopy { src_offset: 0, dst_offset, size });
         }
+        Ok(())
+    }
+
+    /// Copies some ranges of `values`, which are as many as the elements of a buffer, to their places in it.
+    ///
+    /// # Errors
+    /// The host memory for the copies cannot be allocated.
+    ///
+    /// # Panics
+    /// If there is another number of values, or a range ends outside of them.
+    pub fn upload_ranges<T: Element>(
+        &mut self,
+        buffer: &Buffer<T>,
+        values: &[T],
+        ranges: &[Range<usize>],
+    ) -> Result<()> {
+        assert_eq!(values.len(), buffer.len(), "every element of `{}` has a value", buffer.name());
+        let size = |elements: usize| (elements * size_of::<T>()) as u64;
+        let (usage, all) = (vk::BufferUsageFlags::TRANSFER_SRC, ranges.iter().map(Range::len).sum::<usize>());
+        if all == 0 {
+            return Ok(());
+        }
+        let mut staging = Storage::new(&self.device.0, "upload", size(all), usage, MemoryLocation::GpuToCpu)?;
+        let (memory, mut copied) = (bytemuck::cast_slice_mut::<u8, T>(staging.mapped_mut()), 0);
+        let mut regions = Vec::new();
+        for range in ranges.iter().filter(|range| !range.is_empty()) {
+            memory[copied..copied + range.len()].copy_from_slice(&values[range.clone()]);
+            let [src_offset, dst_offset, size] = [copied, range.start, range.len()].map(size);
+            regions.push(vk::BufferCopy { src_offset, dst_offset, size });
+            copied += range.len();
+        }
+        self.writes(buffer.resource(), "upload", Access::COPY_WRITE);
+        self.copy_regions(&Arc::new(staging), &buffer.storage, &regions);
         Ok(())
     }
 

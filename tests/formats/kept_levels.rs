@@ -228,7 +228,7 @@ fn a_streamed_sog_is_drawn_by_its_levels() {
     let temporary = tempfile::tempdir().unwrap();
     let draw = |scene: &str, more: &[&str], out: &str| {
         let arguments = [&["render", scene, "--size", "96x64", "-o", out], more].concat();
-        let output = program::run(&arguments, |command| drop(command.env("TMPDIR", temporary.path())));
+        let output = program::run(&arguments, |command| _ = command.env("TMPDIR", temporary.path()));
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert_eq!(fs::read_dir(temporary.path()).unwrap().count(), 0, "{arguments:?}");
         (String::from_utf8(output.stdout).unwrap(), fs::read(out).unwrap())
@@ -242,6 +242,14 @@ fn a_streamed_sog_is_drawn_by_its_levels() {
     assert!(draw(&path(&folder, "s"), &["--splats", "6000"], &a).1 == draw(&kept, &["--splats", "6000"], &b).1);
     let (said, own) = draw(&streamed, &[], &a);
     assert!(!said.contains("levels") && own == draw(&kept, &[], &b).1, "{said}");
+    // Files of a run are known again, whatever names the scene.
+    let (out, scene) = (path(&folder, "out"), path(&folder, "s"));
+    let run = |scene: &str, more: &str| {
+        ok(&["render", scene, "--size", "48x32", "--splats", "6000", "--orbit", "2", "-o", &out, more])
+    };
+    run(&streamed, "--quiet");
+    assert!(run(&scene, "--resume").contains("nothing left to do"));
+    run(&streamed, "--verify");
     let one_level = ["render", &streamed, "--sog-level", "0", "--splats", "6000", "-o", &a];
     assert!(fails(2, &one_level).contains("there are no levels of detail here"));
 }

@@ -135,6 +135,26 @@ fn a_missing_barrier_around_copies_and_indirect_counts_is_reported() {
     assert_eq!(found, ["no barrier on `groups` between fill and ranges"]);
 }
 
+/// Ranges that are uploaded together need no barriers between them, and arrive where they belong.
+#[test]
+fn ranges_are_uploaded_to_their_places() {
+    let device = open(Validation::Required);
+    let (buffer, values) = (Buffer::<u32>::new(&device, "words", 64).unwrap(), (100..164).collect::<Vec<u32>>());
+    let mut cmd = Commands::new(&device).unwrap();
+    cmd.fill(&buffer, 7);
+    cmd.barrier(Access::COPY_WRITE, Access::COPY_WRITE);
+    cmd.upload_ranges(&buffer, &values, &[0..3, 10..10, 10..20, 63..64]).unwrap();
+    cmd.barrier(Access::COPY_WRITE, Access::COPY_READ);
+    let read = cmd.read(&buffer).unwrap();
+    let results = cmd.submit().unwrap().wait().unwrap();
+    let expected = (0..64).map(|i| if i < 3 || (10..20).contains(&i) || i == 63 { 100 + i } else { 7 });
+    assert_eq!(results.view(&read), expected.collect::<Vec<u32>>());
+    let mut cmd = Commands::new(&device).unwrap();
+    cmd.upload_ranges(&buffer, &values, &[0..0]).unwrap();
+    cmd.submit().unwrap().wait().unwrap();
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
 /// Every barrier of a frame is there for a reason, and the check knows it.
 #[test]
 fn every_barrier_of_a_frame_is_needed() {

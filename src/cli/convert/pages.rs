@@ -14,7 +14,7 @@ use crate::pagefile::write::{
     Finished, Job, Settings, Take, write_blocks, write_in_order, write_source_levels, write_whole,
 };
 use crate::procedural::Procedural;
-use crate::scene::{Gaussians, LoadReport, Scene, Transform, Watch};
+use crate::scene::{Gaussians, LoadReport, NoLevel, Scene, Transform, Watch};
 
 /// The number formats of a page file.
 pub const STORAGES: [(&str, &str, Options); 5] = [
@@ -65,7 +65,11 @@ pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Wri
 /// Writes a page file with the levels of a streamed SOG.
 pub fn keep_levels(input: &SceneArg, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
     let is_none = || Usage(format!("--keep-levels needs a {LOD_META}, and {} is none", input.scene.display()));
-    let levels = input.read_levels()?.ok_or_else(is_none)?;
+    let path = input.path().ok_or_else(is_none)?;
+    let levels = input.read_levels(&path).map_err(|error| match error.is::<NoLevel>() {
+        true => is_none().into(),
+        false => error,
+    })?;
     let written = write_job(output, input.title(), settings, |job| write_source_levels(job, &levels))?;
     Ok((written, 0, Vec::new()))
 }

@@ -82,13 +82,23 @@ impl Start {
     }
 }
 
+/// True if the levels of a streamed SOG are drawn. The reference draws the finest one.
+pub(super) fn wants_levels(args: &Args) -> bool {
+    args.knobs.wants_levels() && !args.reference
+}
+
 /// Opens the devices and reads the scene, at the same time if that is a file. Without a device it fails at once. The
 /// reference has no devices.
 pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> {
-    let wants_levels = args.knobs.wants_levels();
-    if let Some(scene) = Drawable::in_pages(&args.scene, wants_levels)?.filter(|_| !args.reference) {
+    if let Some(scene) = Drawable::in_pages(&args.scene, false)?.filter(|_| !args.reference) {
         args.start.end("reading");
         return Ok((open(args, usize::MAX)?, scene));
+    }
+    if wants_levels(args) && args.scene.streamed_sog().is_some() {
+        let devices = open(args, usize::MAX)?;
+        let scene = Drawable::read(&args.scene, true, devices.first())?;
+        args.start.end("reading");
+        return Ok((devices, scene));
     }
     // Opening another device takes longer than a picture of a scene in memory.
     let most = if args.share != Share::Frame && args.is_of_one_picture() { 1 } else { usize::MAX };

@@ -13,6 +13,7 @@ use super::outputs::{Output, Shot};
 use super::plan::plan;
 use super::records::{Content, Recorded, read_all};
 use super::settings::{SceneKey, Settings};
+use super::start::wants_levels;
 use super::{Args, options};
 use crate::cli::drawable::{Drawable, read_places};
 use crate::cli::scenes::SceneArg;
@@ -92,7 +93,7 @@ impl Problem {
 /// Checks the files of the command. Fails if any is wrong.
 pub(super) fn verify(args: &Args) -> Result<()> {
     let places = args.place.as_deref();
-    let scene = LazyScene { arg: &args.scene, places, read: OnceCell::new() };
+    let scene = LazyScene { arg: &args.scene, wants_levels: wants_levels(args), places, read: OnceCell::new() };
     let plan = plan(args, &|| Ok(scene.get()?.source.focus()))?;
     let Some(folder) = plan.outputs.folder() else {
         return Err(Usage("--verify needs a folder as --output".to_owned()).into());
@@ -221,6 +222,7 @@ impl<'r> Claims<'r> {
 /// A scene that is read when it is needed.
 struct LazyScene<'a> {
     arg: &'a SceneArg,
+    wants_levels: bool,
     places: Option<&'a Path>,
     read: OnceCell<Drawable>,
 }
@@ -228,7 +230,7 @@ struct LazyScene<'a> {
 impl LazyScene<'_> {
     fn get(&self) -> Result<&Drawable> {
         if self.read.get().is_none() {
-            _ = self.read.set(Drawable::read(self.arg, false, None)?.placed(read_places(self.places)?));
+            _ = self.read.set(Drawable::read(self.arg, self.wants_levels, None)?.placed(read_places(self.places)?));
         }
         self.read.get().ok_or_else(|| anyhow!("the scene was not kept"))
     }

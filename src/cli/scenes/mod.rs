@@ -16,7 +16,7 @@ use crate::camera::Up;
 use crate::cli::headings::SCENE;
 use crate::cli::values::whole;
 use crate::cli::{Usage, progress, remark};
-use crate::formats::{Reading, StreamedLevels};
+use crate::formats::{LOD_META, Reading, StreamedLevels};
 use crate::gpu::Device;
 use crate::pagefile::PageFile;
 use crate::pagefile::write::temporary_levels;
@@ -107,7 +107,7 @@ impl SceneArg {
             return procedural.name().to_owned();
         }
         let Some(path) = self.path() else { return OTHERWISE.to_owned() };
-        let is_meta = path.file_name().is_some_and(|name| name == "meta.json" || name == "lod-meta.json");
+        let is_meta = path.file_name().is_some_and(|name| name == "meta.json" || name == LOD_META);
         if is_meta || self.scene.is_dir() {
             let folder = if is_meta { path.parent().unwrap_or(Path::new("")) } else { &self.scene };
             return folder_name(folder).unwrap_or_else(|| OTHERWISE.to_owned());
@@ -134,31 +134,27 @@ impl SceneArg {
         }
     }
 
-    /// Reads all levels of a streamed SOG, and prints to stderr what was dropped or clamped. `None` for other scenes.
-    pub fn read_levels(&self) -> Result<Option<StreamedLevels>> {
-        let Some(path) = self.path() else { return Ok(None) };
+    /// Reads all levels of a streamed SOG, and prints to stderr what was dropped or clamped.
+    pub fn read_levels(&self, path: &Path) -> Result<StreamedLevels> {
         let bar = progress::Bar::new("reading");
         let set = |fraction| bar.set(fraction);
-        match self.reading.reading()?.read_levels(&path, &Watch::of_progress(&set)) {
-            Ok(levels) => {
-                self.remark(&levels.scene);
-                Ok(Some(levels))
-            }
-            Err(error) if error.is::<NoLevel>() => Ok(None),
-            Err(error) => Err(error),
-        }
+        let levels = self.reading.reading()?.read_levels(path, &Watch::of_progress(&set))?;
+        drop(bar);
+        self.remark(&levels.scene);
+        Ok(levels)
     }
 
-    /// The page file of the scene, or one with the levels of a streamed SOG, whose errors are measured first.
-    pub fn file_with_levels(&self) -> Result<Option<PageFile>> {
-        if let Some(file) = self.page_file()? {
-            return Ok(Some(file));
-        }
-        let Some(levels) = self.reading.is_plain().then(|| self.read_levels()).transpose()?.flatten() else {
-            return Ok(None);
-        };
+    /// The file of a streamed SOG that is read as it is, with all levels.
+    pub fn streamed_sog(&self) -> Option<PathBuf> {
+        self.path().filter(|path| self.reading.is_plain() && path.file_name().is_some_and(|name| name == LOD_META))
+    }
+
+    /// A temporary page file with the levels of the scene, if it is a streamed SOG. Their errors are measured.
+    pub fn source_levels(&self) -> Result<Option<PageFile>> {
+        let Some(path) = self.streamed_sog() else { return Ok(None) };
+        let levels = self.read_levels(&path)?;
         let bar = progress::Bar::new("measuring levels");
-        temporary_levels(&levels, self.title(), &|fraction| bar.set(fraction), &|| false).map(Some)
+        temporary_levels(&levels, &path, &|fraction| bar.set(fraction), &|| false).map(Some)
     }
 
     /// Reads the file or makes the procedural scene. Prints to stderr what was dropped or clamped.
@@ -227,7 +223,7 @@ pub(crate) struct ReadingArgs {
     /// For files whose axes point the other way than the format says.
     #[arg(long, help_heading = SCENE, value_name = "AXES", value_parser = parse_axes)]
     flip: Option<Axes>,
-    /// Level of a streamed SOG (lod-meta.json), 0 is finest [default: 0]
+    /// Level of a streamed SOG (lod-meta.json), 0 is finest [default: 0; all where levels are asked for]
     #[arg(long = "sog-level", help_heading = SCENE, value_name = "LEVEL", value_parser = whole::<u32>(0..=1000))]
     lod: Option<u32>,
     /// Applied after `up` and `flip`, by commands that change scenes.

@@ -2,6 +2,7 @@
 //! level.
 
 use std::ops::Range;
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, ensure};
@@ -11,8 +12,8 @@ use super::convert::{Finished, Job, PAGES, STATE, Settings, check_count, complet
 use super::group_checkpoint::GroupBounds;
 use super::hierarchy::{LEAST_TYPICAL, tempered};
 use super::output::Output;
-use crate::files::Checkpoint;
-use crate::formats::{Leaf, StreamedLevels};
+use crate::files::{Checkpoint, PartialFolder};
+use crate::formats::{LOD_META, Leaf, StreamedLevels};
 use crate::lod::{NEVER, Nodes, Replacement, code_of, median, replacement};
 use crate::packing::Statistics;
 use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageFile, PageLod};
@@ -22,22 +23,28 @@ use crate::scene::{Gaussians, along_curve};
 const MOST_PAGES: usize = 4096;
 const MOST_PER_FULL: usize = 16;
 
-/// A page file with the levels of a source, which is removed when it is closed. `title` is the name of the source.
+/// A page file with the levels of a source, which has no name any more, and is gone when it is closed. Errors name the
+/// file `source`.
 ///
 /// # Errors
 /// As [`write_source_levels`].
 pub fn temporary_levels(
     levels: &StreamedLevels,
-    title: String,
+    source: &Path,
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<PageFile> {
-    let folder = tempfile::tempdir().context("a temporary folder for levels cannot be made")?;
-    let output = &folder.path().join("levels.smalto");
-    let settings = Settings { has_levels: true, ..Settings::default() };
-    write_source_levels(&Job { output, settings, title, progress, is_cancelled }, levels)?;
-    // The file stays readable while it is open.
-    PageFile::open(output)
+    let open = || {
+        let folder = PartialFolder::inside(&std::env::temp_dir()).context("there is no folder for temporary files")?;
+        let output = &folder.path().join("levels.smalto");
+        let settings = Settings { has_levels: true, ..Settings::default() };
+        // The hash of a page file in reports is that of its header, which has the title.
+        let title = LOD_META.to_owned();
+        write_source_levels(&Job { output, settings, title, progress, is_cancelled }, levels)?;
+        // The file stays readable while it is open.
+        PageFile::open(output)
+    };
+    open().with_context(|| format!("levels of {}", source.display()))
 }
 
 /// Writes a scene with the levels of its source. Each leaf is a group, of which all nodes of a level have one error,
@@ -67,7 +74,8 @@ pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finishe
     let is_dense = all <= MOST_PAGES + MOST_PER_FULL * full;
     ensure!(
         is_dense,
-        "its leaves are too small: they take {all} pages for their levels, where {full} hold all Gaussians"
+        "its leaves are too small: they take {all} pages for their levels, where {full} hold all Gaussians; `smalto \
+         lod` without --keep-levels makes new levels"
     );
     let sections = LodSections { pages, scene_pages: Some(scene_pages), words_at: 0, table_at: 0, checksum: 0 };
     let header = Header { levels: Some(sections), ..job.header(scene, statistics, layout) };

@@ -194,10 +194,7 @@ impl LodSelector {
     /// If memory runs out.
     pub fn set_fallback_limits(&self, device: &Device, words: &[u32], ranges: &[Range<usize>]) -> Result<InFlight> {
         let mut cmd = Commands::new(device)?;
-        let places: Vec<_> = ranges.iter().map(|range| (&self.fallback_limits, range.clone())).collect();
-        cmd.upload_together(&places, |memory| {
-            memory.into_iter().zip(ranges).for_each(|(to, range)| to.copy_from_slice(&words[range.clone()]));
-        })?;
+        cmd.upload_ranges(&self.fallback_limits, words, ranges)?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER_READ);
         cmd.submit()
     }

@@ -155,18 +155,18 @@ pub struct FallbackLimits {
     targets: Vec<u16>,
     /// The limit in use of each group.
     shown: Vec<u16>,
-    /// The groups whose limit in use may be above its target, and a mark for each of them.
+    /// The groups whose limit in use may be above its target, and for each group, true if it is among them.
     fading: Vec<u32>,
-    is_fading: Vec<bool>,
+    is_in_fading: Vec<bool>,
     /// The limits in use as the shaders read them, for each page: the limit of its group in the lower half, that of its
     /// parents' group in the upper half.
     words: Vec<u32>,
-    /// For each block of [`BLOCK`] words, true if it has changed.
-    has_changed: Vec<bool>,
+    /// For each block of [`BLOCK`] words, true if it has changed since [`Self::mark_uploaded`].
+    changed_blocks: Vec<bool>,
 }
 
 /// Words that are uploaded together.
-const BLOCK: usize = 1024;
+const BLOCK: usize = if cfg!(test) { 8 } else { 1024 };
 
 impl FallbackLimits {
     /// The limits while all pages are resident, which are 0.
@@ -177,18 +177,20 @@ impl FallbackLimits {
             targets: vec![FINEST; groups],
             shown: vec![FINEST; groups],
             fading: Vec::new(),
-            is_fading: vec![false; groups],
+            is_in_fading: vec![false; groups],
             words: vec![u32::from(FINEST) | u32::from(FINEST) << 16; pages],
-            has_changed: vec![false; pages.div_ceil(BLOCK)],
+            changed_blocks: vec![true; pages.div_ceil(BLOCK)],
             hierarchy,
         }
     }
 
-    /// Sets the resident pages. Limits that must rise do so at once; those that may decrease do in [`Self::fade`].
+    /// Sets the resident pages. Limits in use that must rise do so at once; those that may decrease do in
+    /// [`Self::fade`].
     ///
     /// # Panics
     /// If `is_resident` does not have one value per page.
     pub fn set_resident(&mut self, is_resident: &[bool]) {
+        /// Pages that are compared at once.
         const COMPARED: usize = 256;
         assert_eq!(is_resident.len(), self.is_resident.len(), "every page is resident or not");
         let mut stale = BinaryHeap::new();
@@ -211,7 +213,7 @@ impl FallbackLimits {
             self.targets[group as usize] = target;
             if self.shown[group as usize] < target {
                 self.show(group, target);
-            } else if !std::mem::replace(&mut self.is_fading[group as usize], true) {
+            } else if !std::mem::replace(&mut self.is_in_fading[group as usize], true) {
                 self.fading.push(group);
             }
             let children = self.hierarchy.child_pages.of(group).iter();
@@ -236,7 +238,7 @@ impl FallbackLimits {
         let children = self.hierarchy.child_pages.of(group).iter().map(|page| (*page as usize, 16));
         for (page, shift) in own.chain(children) {
             self.words[page] = self.words[page] & !(0xffff << shift) | u32::from(limit) << shift;
-            self.has_changed[page / BLOCK] = true;
+            self.changed_blocks[page / BLOCK] = true;
         }
     }
 
@@ -249,7 +251,7 @@ impl FallbackLimits {
             if lower != shown {
                 self.show(*group, lower);
             }
-            self.is_fading[*group as usize] = lower > target;
+            self.is_in_fading[*group as usize] = lower > target;
             lower > target
         });
         self.fading = fading;
@@ -265,10 +267,14 @@ impl FallbackLimits {
         &self.words
     }
 
-    /// The ranges of words that changed since the last call.
-    pub fn take_changed(&mut self) -> Vec<Range<usize>> {
-        let blocks: Vec<usize> = (0..self.has_changed.len()).filter(|block| self.has_changed[*block]).collect();
-        self.has_changed.fill(false);
+    /// Says that the ranges of [`Self::changed`] are uploaded.
+    pub fn mark_uploaded(&mut self) {
+        self.changed_blocks.fill(false);
+    }
+
+    /// The ranges of words that changed since [`Self::mark_uploaded`]; at first all.
+    pub fn changed(&self) -> Vec<Range<usize>> {
+        let blocks: Vec<usize> = (0..self.changed_blocks.len()).filter(|block| self.changed_blocks[*block]).collect();
         let runs = blocks.chunk_by(|block, next| block + 1 == *next);
         runs.map(|run| run[0] * BLOCK..((run[run.len() - 1] + 1) * BLOCK).min(self.words.len())).collect()
     }
@@ -279,12 +285,15 @@ mod tests {
     use super::*;
     use crate::pagefile::write::Settings;
     use crate::procedural::cactus;
-    use crate::render::lod::fixtures::with_levels;
+    use crate::render::lod::fixtures::{with_levels, with_source_levels};
 
     /// The fallback limit of the group of a page: the largest parent error of the missing pages whose parents are in
     /// this group or one above it.
-    fn limit_of(levels: &[PageLod], is_resident: &[bool], page: usize) -> u16 {
-        let bounds = |page: usize| (levels[page].low, levels[page].high, levels[page].reference_width);
+    fn limit_of(levels: &[PageLod], second_scene: usize, is_resident: &[bool], page: usize) -> u16 {
+        let bounds = |page: usize| {
+            let PageLod { low, high, reference_width, .. } = levels[page];
+            (low, high, reference_width, page < second_scene)
+        };
         let (mut above, mut known) = (vec![bounds(page)], 0);
         while known < above.len() {
             let of_group = levels.iter().enumerate().filter(|(page, _)| bounds(*page) == above[known]);
@@ -310,9 +319,17 @@ mod tests {
 
     #[test]
     fn limits_follow_changed_pages() {
-        let file = with_levels(cactus::cactus(30_000).unwrap(), Settings::LOSSLESS);
-        let levels = file.levels().unwrap();
-        let mut limits = FallbackLimits::new(Arc::new(PageHierarchy::new(levels, |_| 0)));
+        let made = with_levels(cactus::cactus(30_000).unwrap(), Settings::LOSSLESS);
+        let of_source = with_source_levels(cactus::cactus(30_000).unwrap(), 3000, Settings::LOSSLESS);
+        let first = made.levels().unwrap();
+        let joined = of_source.levels().unwrap().iter().map(|level| PageLod {
+            parent: if level.parent == NO_PAGE { NO_PAGE } else { level.parent + first.len() as u32 },
+            ..*level
+        });
+        let levels: Vec<PageLod> = first.iter().copied().chain(joined).collect();
+        let levels = levels.as_slice();
+        let scene_of = |page: usize| usize::from(page >= first.len());
+        let mut limits = FallbackLimits::new(Arc::new(PageHierarchy::new(levels, scene_of)));
         let (mut is_resident, mut state, mut uploaded) = (vec![true; levels.len()], 7, limits.words().to_vec());
         for change in 0..40 {
             for _ in 0..1 << (change % 6) {
@@ -324,13 +341,13 @@ mod tests {
             let steps = if change % 2 == 0 { [u16::MAX, 0] } else { [300, u16::MAX] };
             for step in steps {
                 limits.fade(step);
-                limits
-                    .take_changed()
-                    .into_iter()
-                    .for_each(|range| uploaded[range.clone()].copy_from_slice(&limits.words()[range]));
+                for range in limits.changed() {
+                    uploaded[range.clone()].copy_from_slice(&limits.words()[range]);
+                }
+                limits.mark_uploaded();
                 assert_eq!(uploaded, limits.words(), "all changed words are uploaded");
                 for (page, level) in levels.iter().enumerate() {
-                    let target = limit_of(levels, &is_resident, page);
+                    let target = limit_of(levels, first.len(), &is_resident, page);
                     let used = uploaded[page] & 0xffff;
                     let faded = ((before[page] & 0xffff) as u16).saturating_sub(step).max(target);
                     assert_eq!(used, u32::from(if step == 0 { target } else { faded }), "change {change}, page {page}");
@@ -338,14 +355,9 @@ mod tests {
                         if level.parent == NO_PAGE { FINEST.into() } else { uploaded[level.parent as usize] & 0xffff };
                     assert_eq!(uploaded[page] >> 16, of_parents, "change {change}, page {page}");
                 }
-                assert_eq!(
-                    limits.is_fading(),
-                    step == 300
-                        && uploaded
-                            .iter()
-                            .enumerate()
-                            .any(|(page, word)| word & 0xffff > u32::from(limit_of(levels, &is_resident, page)))
-                );
+                let target = |page: usize| u32::from(limit_of(levels, first.len(), &is_resident, page));
+                let is_above = uploaded.iter().enumerate().any(|(page, word)| word & 0xffff > target(page));
+                assert_eq!(limits.is_fading(), step == 300 && is_above, "change {change}");
             }
         }
         is_resident.fill(true);

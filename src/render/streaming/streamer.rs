@@ -199,10 +199,11 @@ impl PageStreamer {
         }
         if has_changed || self.fade.is_some() {
             self.fade_limits(has_changed);
-            let changed = self.fallback_limits.take_changed();
+            let changed = self.fallback_limits.changed();
             if !changed.is_empty() {
                 // The previous upload was submitted before the last frame, so this hardly waits for it.
                 self.upload = Some(selector.set_fallback_limits(device, self.fallback_limits.words(), &changed)?);
+                self.fallback_limits.mark_uploaded();
             }
         }
         // Stamps wrap around to 1, which is less than all stamps recorded by shaders, so these are cleared.

@@ -11,8 +11,8 @@ use crate::procedural::Procedural;
 use crate::rules::Background;
 use crate::scene::{SceneInstances, Unreadable};
 use crate::viewer::model::{
-    Edit, Layer, LayerSource, LoadedScene, PROJECT_ENDING, PlacedScene, Project, ProjectView, Undo, VIEW_MODES, Viewer,
-    is_project, relative_to, view_mode,
+    Appearance, Edit, Layer, LayerSource, LoadedScene, PROJECT_ENDING, PlacedScene, Project, ProjectView, Undo,
+    VIEW_MODES, Viewer, is_project, relative_to, view_mode,
 };
 
 impl Viewer {
@@ -106,7 +106,10 @@ impl Viewer {
         }
         for ((scene, source), places) in project.scenes.iter().zip(sources).zip(places) {
             let number = self.scenes.next_number();
-            let mut layer = Layer::open(number, source, Reading::default(), options.wants_levels(), &self.jobs);
+            // Edits, parts and appearances are of scenes in memory.
+            let is_plain = scene.edit.is_empty() && scene.part.is_empty() && scene.appearance == Appearance::default();
+            let wants_levels = options.wants_levels() && is_plain;
+            let mut layer = Layer::open(number, source, Reading::default(), wants_levels, &self.jobs);
             (layer.placement, layer.is_shown, layer.project_edit) =
                 (scene.placement(), scene.shown, scene.edit.clone());
             (layer.appearance, layer.places) = (scene.appearance, places);

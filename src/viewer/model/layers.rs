@@ -13,12 +13,12 @@ use super::edit::{Edit, set_of};
 use super::job_event::{JobEvent, Jobs};
 use super::loaded_scene::{DrawnScene, LoadedScene, OpenedScene};
 use crate::formats;
-use crate::formats::Reading;
+use crate::formats::{LOD_META, Reading};
 use crate::pagefile;
 use crate::pagefile::PageFile;
 use crate::pagefile::write::temporary_levels;
 use crate::procedural::Procedural;
-use crate::scene::{Focus, Gaussians, NoLevel, Scene, SceneInstances, Transform, Watch, remarks};
+use crate::scene::{Focus, Gaussians, Scene, SceneInstances, Transform, Watch, remarks};
 use crate::viewer::jobs::{Cancel, FileStamp, file_watch};
 
 /// The source of a scene.
@@ -265,11 +265,11 @@ impl Layer {
                 let (count, degree) = (gaussians.len(), gaussians.sh_degree());
                 (format, count, degree, report, notices, is_antialiased, LoadedScene::Whole(Arc::new(gaussians)))
             }
-            OpenedScene::Paged(file) => {
+            OpenedScene::Paged(file, notices) => {
                 let header = file.header();
                 let (format, report, is_antialiased) = (header.format_of_pages(), header.report, header.is_antialiased);
                 let (count, degree) = (header.statistics.count, header.statistics.sh_degree);
-                (format, count, degree, report, Vec::new(), is_antialiased, LoadedScene::Paged(file.clone()))
+                (format, count, degree, report, notices, is_antialiased, LoadedScene::Paged(file.clone()))
             }
         };
         self.summary = format!("{format}, {count} Gaussians, SH degree {degree}; {report}");
@@ -322,21 +322,15 @@ fn read(
     if reading == Reading::default()
         && let Some(file) = lod_file(&path)
     {
-        return Ok(OpenedScene::Paged(Arc::new(file)));
+        return Ok(OpenedScene::Paged(Arc::new(file), Vec::new()));
     }
-    if reading == Reading::default() && wants_levels {
+    if wants_levels && reading == Reading::default() && path.file_name().is_some_and(|name| name == LOD_META) {
         let half = |begin: f64| move |fraction: f64| progress(begin + 0.5 * fraction);
         let (is_cancelled, first) = (|| cancel.is_cancelled(), half(0.0));
         let watch = Watch { progress: &first, is_cancelled: &is_cancelled, ..Watch::NONE };
-        match reading.read_levels(&path, &watch) {
-            Ok(levels) => {
-                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                let file = temporary_levels(&levels, name, &half(0.5), &is_cancelled)?;
-                return Ok(OpenedScene::Paged(Arc::new(file)));
-            }
-            Err(error) if error.is::<NoLevel>() => {}
-            Err(error) => return Err(error),
-        }
+        let levels = reading.read_levels(&path, &watch)?;
+        let file = temporary_levels(&levels, &path, &half(0.5), &is_cancelled)?;
+        return Ok(OpenedScene::Paged(Arc::new(file), levels.scene.notices));
     }
     let watch = Watch {
         progress,

@@ -12,8 +12,8 @@ use crate::scene::{Focus, Gaussians, Scene, SceneInstances, Transform};
 /// A scene that a job has opened.
 pub enum OpenedScene {
     Whole(Box<Scene>),
-    /// A page file with levels of detail, whose pages are read while frames are drawn.
-    Paged(Arc<PageFile>),
+    /// A page file with levels of detail, whose pages are read while frames are drawn, and the notices of the reader.
+    Paged(Arc<PageFile>, Vec<String>),
 }
 
 /// The Gaussians of an open scene, whole or paged. A clone shares them.
