@@ -146,7 +146,7 @@ impl SceneArg {
 
     /// The file of a streamed SOG that is read as it is, with all levels.
     pub fn streamed_sog(&self) -> Option<PathBuf> {
-        self.path().filter(|path| self.reading.is_plain() && path.file_name().is_some_and(|name| name == LOD_META))
+        self.path().filter(|_| self.reading.is_plain()).and_then(|path| formats::streamed_in(&path))
     }
 
     /// A temporary page file with the levels of the scene, if it is a streamed SOG. Their errors are measured.

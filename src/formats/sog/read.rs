@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::LOD_META;
 use super::files::Files;
 use super::read_streamed::{self, StreamedLevels};
 use super::unit::{Unit, decode_all};
@@ -19,8 +20,13 @@ const READ: f64 = 0.25;
 
 /// The JSON file of the SOG in this folder. Any other path is returned unchanged.
 pub(crate) fn in_folder(path: &Path) -> PathBuf {
-    let jsons = ["lod-meta.json", "meta.json"].map(|name| path.join(name));
+    let jsons = [LOD_META, "meta.json"].map(|name| path.join(name));
     jsons.into_iter().find(|json| json.is_file()).unwrap_or_else(|| path.to_owned())
+}
+
+/// The `lod-meta.json` that `path` names, or that is in its folder.
+pub(crate) fn streamed_in(path: &Path) -> Option<PathBuf> {
+    Some(in_folder(path)).filter(|path| path.file_name().is_some_and(|name| name == LOD_META))
 }
 
 /// Reads a zip archive.

@@ -13,7 +13,7 @@ use super::edit::{Edit, set_of};
 use super::job_event::{JobEvent, Jobs};
 use super::loaded_scene::{DrawnScene, LoadedScene, OpenedScene};
 use crate::formats;
-use crate::formats::{LOD_META, Reading};
+use crate::formats::Reading;
 use crate::pagefile;
 use crate::pagefile::PageFile;
 use crate::pagefile::write::temporary_levels;
@@ -324,7 +324,10 @@ fn read(
     {
         return Ok(OpenedScene::Paged(Arc::new(file), Vec::new()));
     }
-    if wants_levels && reading == Reading::default() && path.file_name().is_some_and(|name| name == LOD_META) {
+    if wants_levels
+        && reading == Reading::default()
+        && let Some(path) = formats::streamed_in(&path)
+    {
         let half = |begin: f64| move |fraction: f64| progress(begin + 0.5 * fraction);
         let (is_cancelled, first) = (|| cancel.is_cancelled(), half(0.0));
         let watch = Watch { progress: &first, is_cancelled: &is_cancelled, ..Watch::NONE };
