@@ -26,7 +26,6 @@ use anyhow::{Context, Error, Result, anyhow, ensure};
 
 pub use batch::{write_batch, write_new, write_tree};
 pub use checkpoint::Checkpoint;
-#[cfg(feature = "serve")]
 pub(crate) use partial::PartialFolder;
 pub use partial::remove_unfinished;
 pub use regular::{append_own, hash_of, open_regular, read_exact_at, read_own, read_whole, write_all_at, write_own};
