@@ -244,12 +244,11 @@ fn a_streamed_sog_is_drawn_by_its_levels() {
     assert!(!said.contains("levels") && own == draw(&kept, &[], &b).1, "{said}");
     // Files of a run are known again, whatever names the scene.
     let (out, scene) = (path(&folder, "out"), path(&folder, "s"));
-    let run = |scene: &str, more: &str| {
-        ok(&["render", scene, "--size", "48x32", "--splats", "6000", "--orbit", "2", "-o", &out, more])
-    };
-    run(&streamed, "--quiet");
-    assert!(run(&scene, "--resume").contains("nothing left to do"));
-    run(&streamed, "--verify");
+    let orbit = |scene| ["render", scene, "--size", "48x32", "--splats", "6000", "--orbit", "2", "-o", &out];
+    ok(&orbit(&streamed));
+    let said = program::notes(&[&orbit(&scene)[..], &["--resume"]].concat());
+    assert!(said.contains("nothing left to do"), "{said}");
+    ok(&[&orbit(&streamed)[..], &["--verify"]].concat());
     let one_level = ["render", &streamed, "--sog-level", "0", "--splats", "6000", "-o", &a];
     assert!(fails(2, &one_level).contains("there are no levels of detail here"));
 }

@@ -223,7 +223,9 @@ pub(crate) struct ReadingArgs {
     /// For files whose axes point the other way than the format says.
     #[arg(long, help_heading = SCENE, value_name = "AXES", value_parser = parse_axes)]
     flip: Option<Axes>,
-    /// Level of a streamed SOG (lod-meta.json), 0 is finest [default: 0; all where levels are asked for]
+    /// Level of a streamed SOG (lod-meta.json), 0 is finest [default: 0]
+    ///
+    /// Without it, all levels are read where --splats, --lod-error or --lod-psnr ask for them.
     #[arg(long = "sog-level", help_heading = SCENE, value_name = "LEVEL", value_parser = whole::<u32>(0..=1000))]
     lod: Option<u32>,
     /// Applied after `up` and `flip`, by commands that change scenes.
