@@ -164,6 +164,9 @@ fn cameras_are_clicked_and_compared_with_their_photographs() {
         frame(&mut offscreen, vec![Event::PointerButton { pos, button, pressed, modifiers }]);
     }
     offscreen.settle().unwrap();
+    // The picture does not wait for the thumbnail.
+    offscreen.viewer().jobs.wait();
+    frame(&mut offscreen, Vec::new());
     let viewer = offscreen.viewer();
     viewer.view.navigator.advance(10.0);
     assert_eq!((viewer.view.camera_index, viewer.view.camera().position), (Some(1), wanted.position));
