@@ -39,8 +39,8 @@ use input::{Input, TakeBlock};
 pub use loss::Loss;
 pub use read::{Reading, in_folder, read, read_watched};
 pub(crate) use read::{SIGNATURE_BYTES, check_recognized};
-#[doc(hidden)]
 pub(crate) use sog::streamed_in;
+#[doc(hidden)]
 pub use sog::{LOD_META, Leaf, Streamed, StreamedLevels, WrittenLevels, write_sog_folder, write_streamed_sog};
 pub use write::SceneFile;
 pub use write_file::{WrittenFile, write_file};

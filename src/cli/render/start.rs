@@ -82,11 +82,6 @@ impl Start {
     }
 }
 
-/// True if the levels of a streamed SOG are drawn. The reference draws the finest one.
-pub(super) fn wants_levels(args: &Args) -> bool {
-    args.knobs.wants_levels() && !args.reference
-}
-
 /// Opens the devices and reads the scene, at the same time if that is a file. Without a device it fails at once. The
 /// reference has no devices.
 pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> {
@@ -94,7 +89,7 @@ pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> 
         args.start.end("reading");
         return Ok((open(args, usize::MAX)?, scene));
     }
-    if wants_levels(args) && args.scene.streamed_sog().is_some() {
+    if args.knobs.wants_levels() && args.scene.streamed_sog().is_some() {
         let devices = open(args, usize::MAX)?;
         let scene = Drawable::read(&args.scene, true, devices.first())?;
         args.start.end("reading");

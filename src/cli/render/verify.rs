@@ -13,7 +13,6 @@ use super::outputs::{Output, Shot};
 use super::plan::plan;
 use super::records::{Content, Recorded, read_all};
 use super::settings::{SceneKey, Settings};
-use super::start::wants_levels;
 use super::{Args, options};
 use crate::cli::drawable::{Drawable, read_places};
 use crate::cli::scenes::SceneArg;
@@ -93,7 +92,7 @@ impl Problem {
 /// Checks the files of the command. Fails if any is wrong.
 pub(super) fn verify(args: &Args) -> Result<()> {
     let places = args.place.as_deref();
-    let scene = LazyScene { arg: &args.scene, wants_levels: wants_levels(args), places, read: OnceCell::new() };
+    let scene = LazyScene { arg: &args.scene, wants_levels: args.knobs.wants_levels(), places, read: OnceCell::new() };
     let plan = plan(args, &|| Ok(scene.get()?.source.focus()))?;
     let Some(folder) = plan.outputs.folder() else {
         return Err(Usage("--verify needs a folder as --output".to_owned()).into());
