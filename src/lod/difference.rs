@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::node::Nodes;
-use super::raster::{Direction, Drawing, Pixel, Splats, Window};
+use super::raster::{Direction, Drawing, Picture, Pixel, Splats, Window};
 
 /// The squared difference of two pictures.
 pub struct Difference {
@@ -18,13 +18,13 @@ impl Difference {
     pub fn drawn(nodes: [&Nodes; 2], window: Window, drawings: &mut [Drawing; 2]) -> Self {
         let both = nodes.into_iter().zip(&mut *drawings);
         both.for_each(|(nodes, drawing)| Splats::of(nodes, window).draw(nodes, drawing));
-        Self::of(window.width, &drawings[0].pixels, &drawings[1].pixels)
+        Self::of(window.width, &drawings[0].picture, &drawings[1].picture)
     }
 
-    pub fn of(width: usize, expected: &[Pixel], drawn: &[Pixel]) -> Self {
+    pub fn of(width: usize, expected: &Picture, drawn: &Picture) -> Self {
         // Differences of colours and of transmittance.
         let differences: Vec<Pixel> =
-            expected.iter().zip(drawn).map(|(a, b)| std::array::from_fn(|k| a[k] - b[k])).collect();
+            expected.pixels().zip(drawn.pixels()).map(|(a, b)| std::array::from_fn(|k| a[k] - b[k])).collect();
         let mean_square = |[r, g, b, passing]: Pixel| -> f32 {
             // The mean of |dP|^2 on black and |dP + dT|^2 on white.
             let squares = |background: f32| [r, g, b].map(|v| (v + background * passing).powi(2)).iter().sum::<f32>();

@@ -1,8 +1,10 @@
 //! Fits parents to pictures of their children, and measures the remaining difference.
 
+use multiversion::multiversion;
+
 use super::difference::Difference;
 use super::node::{Node, Nodes};
-use super::raster::{Drawing, LANES, Pixel, Splats, Window, directions};
+use super::raster::{Drawing, LANES, Picture, Splats, Window, directions};
 use crate::scene::harmonics;
 
 /// Rounds of the fit. Each moves opacities and colours towards the pictures of the children.
@@ -29,7 +31,7 @@ pub struct Residual {
 /// Pictures of a group in one direction.
 struct View {
     width: usize,
-    children: Vec<Pixel>,
+    children: Picture,
     parents: Splats,
 }
 
@@ -55,7 +57,7 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Residual {
     let views = directions().map(|direction| {
         let window = Window::around(children, direction, px);
         Splats::of(children, window).draw(children, &mut drawing);
-        View { width: window.width, children: drawing.pixels.clone(), parents: Splats::of(parents, window) }
+        View { width: window.width, children: drawing.picture.clone(), parents: Splats::of(parents, window) }
     });
     let is_fitted = |i: usize| is_new[i] && widths[i] >= LEAST_PX * px;
     for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
@@ -105,25 +107,31 @@ impl View {
     ) {
         self.parents.draw(parents, drawing);
         residuals.clear();
-        residuals.extend(self.children.iter().zip(&drawing.pixels).map(|(child, own)| {
+        residuals.extend(self.children.pixels().zip(drawing.picture.pixels()).map(|(child, own)| {
             let (target, drawn) = (1.0 - child[3], 1.0 - own[3]);
             // At equal alpha: a brighter colour must not make up for a lower alpha.
             let missing = |k: usize| if target > LEAST_ALPHA { child[k] * (drawn / target) - own[k] } else { 0.0 };
             [target, drawn, missing(0), missing(1), missing(2), 0.0, 0.0, 0.0]
         }));
-        for (splat, first, weights) in drawing.rows() {
-            let mut sums = PixelResidual::default();
-            for (residuals, weights) in residuals[first..].as_chunks::<LANES>().0.iter().zip(weights) {
-                for (residual, weight) in residuals.iter().zip(weights) {
-                    sums.iter_mut().zip(residual).for_each(|(sum, value)| *sum += value * weight);
-                }
+        add_corrections(drawing, residuals, corrections);
+    }
+}
+
+/// Adds the residuals of pixels to the corrections of the splats that cover them.
+#[multiversion(targets("x86_64+avx2"))]
+fn add_corrections(drawing: &Drawing, residuals: &[PixelResidual], corrections: &mut [Correction]) {
+    for (splat, first, weights) in drawing.rows() {
+        let mut sums = PixelResidual::default();
+        for (residuals, weights) in residuals[first..].as_chunks::<LANES>().0.iter().zip(weights) {
+            for (residual, weight) in residuals.iter().zip(weights) {
+                sums.iter_mut().zip(residual).for_each(|(sum, value)| *sum += value * weight);
             }
-            let correction = &mut corrections[splat];
-            let [target, drawn, missing @ ..] = sums.map(f64::from);
-            correction.target += target;
-            correction.drawn += drawn;
-            correction.missing.iter_mut().zip(missing).for_each(|(sum, missing)| *sum += missing);
         }
+        let correction = &mut corrections[splat];
+        let [target, drawn, missing @ ..] = sums.map(f64::from);
+        correction.target += target;
+        correction.drawn += drawn;
+        correction.missing.iter_mut().zip(missing).for_each(|(sum, missing)| *sum += missing);
     }
 }
 
@@ -134,10 +142,10 @@ fn measure(views: &[View], (parents, is_new): (&Nodes, &[bool]), px: f64, drawin
     let new_count = is_new.iter().filter(|is_new| **is_new).count().max(1);
     for view in views {
         view.parents.draw(parents, drawing);
-        let difference = Difference::of(view.width, &view.children, &drawing.pixels);
+        let difference = Difference::of(view.width, &view.children, &drawing.picture);
         sums.iter_mut().zip(difference.sums).for_each(|(sum, own)| *sum += own);
         // The squared difference of a pixel is divided among the new parents by their weights there.
-        let mut covered = vec![0.0_f32; drawing.pixels.len()];
+        let mut covered = vec![0.0_f32; difference.squared.len()];
         for (_, first, weights) in drawing.rows().filter(|(splat, ..)| is_new[*splat]) {
             let covered = covered[first..].iter_mut().zip(weights.as_flattened());
             covered.for_each(|(sum, weight)| *sum += weight);

@@ -115,11 +115,31 @@ pub type Pixel = [f32; 4];
 /// Numbers that one instruction works on.
 pub const LANES: usize = 8;
 
+/// The values of pixels, row by row, and of [`LANES`] empty pixels behind the last. Each value of a [`Pixel`] has a
+/// plane of its own, so that neighbours are loaded by one instruction.
+#[derive(Clone, Debug, Default)]
+pub struct Picture {
+    pub planes: [Vec<f32>; 4],
+}
+
+impl Picture {
+    fn clear(&mut self, pixels: usize) {
+        for (plane, empty) in self.planes.iter_mut().zip([0.0, 0.0, 0.0, 1.0]) {
+            plane.clear();
+            plane.resize(pixels + LANES, empty);
+        }
+    }
+
+    pub fn pixels(&self) -> impl Iterator<Item = Pixel> {
+        let [red, green, blue, passing] = &self.planes;
+        red.iter().zip(green).zip(blue).zip(passing).map(|(((r, g), b), passing)| [*r, *g, *b, *passing])
+    }
+}
+
 /// A picture, and the weights of each splat in it. The memory is reused by the next picture.
 #[derive(Clone, Debug, Default)]
 pub struct Drawing {
-    /// Row by row, and [`LANES`] empty ones behind the last.
-    pub pixels: Vec<Pixel>,
+    pub picture: Picture,
     rows: Vec<Row>,
     weights: Vec<f32>,
 }
@@ -206,11 +226,10 @@ impl Splats {
 #[multiversion(targets("x86_64+avx2"))]
 fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
     let Window { width, height, .. } = splats.window;
-    let Drawing { pixels, rows, weights } = drawing;
+    let Drawing { picture, rows, weights } = drawing;
     rows.clear();
     weights.clear();
-    pixels.clear();
-    pixels.resize(width * height + LANES, [0.0, 0.0, 0.0, 1.0]);
+    picture.clear(width * height);
     for index in splats.order.iter().map(|i| *i as usize) {
         let Splat { mean, conic: [a, b, c], variance_y, compensation, higher_degrees } = splats.splats[index];
         let opacity = (f64::from(nodes.nodes[index].opacity) * compensation) as f32;
@@ -220,8 +239,6 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
         let first = nodes.sh(index)[0];
         let colour =
             [0, 1, 2].map(|k| (0.5 + f64::from(first[k]) * splats.degree_0 + higher_degrees[k]).max(0.0) as f32);
-        // Reduces the transmittance.
-        let tint = [colour[0], colour[1], colour[2], -1.0];
         // The square of the number of standard deviations to the edge of the ellipse, where alpha is the threshold,
         // and half of its height.
         let edge = 2.0 * f64::from(opacity / ALPHA_MIN).ln();
@@ -246,7 +263,9 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
             // would be calls here.
             let count = columns.len() as f32;
             let mut along: [f32; LANES] = std::array::from_fn(|lane| lane as f32);
-            for pixels in pixels[first as usize..].as_chunks_mut::<LANES>().0 {
+            let [red, green, blue, passing] = &mut picture.planes;
+            let colours = lanes_from(red, first).zip(lanes_from(green, first)).zip(lanes_from(blue, first));
+            for (((red, green), blue), passing) in colours.zip(lanes_from(passing, first)) {
                 let mut lanes = [0.0; LANES];
                 for (lane, along) in lanes.iter_mut().zip(&mut along) {
                     let x = x0 + *along;
@@ -254,10 +273,13 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
                     *lane = if *along < count { alpha } else { 0.0 };
                     *along += LANES as f32;
                 }
-                for (pixel, weight) in pixels.iter_mut().zip(&mut lanes) {
-                    *weight *= pixel[3];
-                    for (value, tint) in pixel.iter_mut().zip(tint) {
-                        *value += tint * *weight;
+                for (weight, passing) in lanes.iter_mut().zip(&mut *passing) {
+                    *weight *= *passing;
+                    *passing -= *weight;
+                }
+                for (values, colour) in [red, green, blue].into_iter().zip(colour) {
+                    for (value, weight) in values.iter_mut().zip(&lanes) {
+                        *value += colour * weight;
                     }
                 }
                 weights.extend_from_slice(&lanes);
@@ -267,6 +289,12 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
             }
         }
     }
+}
+
+/// The values from this pixel on.
+#[inline(always)]
+fn lanes_from(plane: &mut [f32], first: u32) -> impl Iterator<Item = &mut [f32; LANES]> {
+    plane[first as usize..].as_chunks_mut().0.iter_mut()
 }
 
 /// The pixels whose centres lie within `reach` of `middle`, of `count`.
@@ -304,13 +332,13 @@ mod tests {
         let window = Window::around(&nodes, direction, 0.25);
         let mut drawing = Drawing::default();
         Splats::of(&nodes, window).draw(&nodes, &mut drawing);
-        let middle = drawing.pixels.iter().copied().min_by(|a, b| a[3].total_cmp(&b[3])).unwrap();
+        let middle = drawing.picture.pixels().min_by(|a, b| a[3].total_cmp(&b[3])).unwrap();
         // The low-pass widens the variance from 16 to 16.3 px^2.
         let [near, far] = [0.5, 0.9].map(|opacity: f32| opacity * 16.0 / 16.3);
         let rest = (1.0 - near) * far * 0.5;
         let expected = [near + rest, rest, rest, (1.0 - near) * (1.0 - far)];
         assert!((0..4).all(|k| (middle[k] - expected[k]).abs() < 0.01), "{middle:?}, not {expected:?}");
-        let mut sums = vec![[0.0_f32; 4]; drawing.pixels.len()];
+        let mut sums = vec![[0.0_f32; 4]; drawing.picture.pixels().count()];
         for (splat, first, weights) in drawing.rows() {
             let colour = [[0.5; 3], [1.0, 0.0, 0.0]][splat];
             for (sum, weight) in sums[first..].iter_mut().zip(weights.as_flattened()) {
@@ -318,9 +346,12 @@ mod tests {
                 sum[3] += weight;
             }
         }
-        let is_sum = |(sum, pixel): (&Pixel, &Pixel)| {
+        let is_sum = |(sum, pixel): (&Pixel, Pixel)| {
             (0..4).all(|k| (sum[k] - if k == 3 { 1.0 - pixel[3] } else { pixel[k] }).abs() < 1e-3)
         };
-        assert!(sums.iter().zip(&drawing.pixels).all(is_sum), "a picture is the sum of what its splats have of it");
+        assert!(
+            sums.iter().zip(drawing.picture.pixels()).all(is_sum),
+            "a picture is the sum of what its splats have of it"
+        );
     }
 }
