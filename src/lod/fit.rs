@@ -117,7 +117,8 @@ impl View {
     }
 }
 
-/// Adds the residuals of pixels to the corrections of the splats that cover them.
+/// Adds the residuals of pixels to the corrections of the splats that cover them. All versions make the same bits, as
+/// those of [`Splats::draw`] do.
 #[multiversion(targets("x86_64+avx2"))]
 fn add_corrections(drawing: &Drawing, residuals: &[PixelResidual], corrections: &mut [Correction]) {
     for (splat, first, weights) in drawing.rows() {

@@ -119,7 +119,7 @@ pub const LANES: usize = 8;
 /// plane of its own, so that neighbours are loaded by one instruction.
 #[derive(Clone, Debug, Default)]
 pub struct Picture {
-    pub planes: [Vec<f32>; 4],
+    planes: [Vec<f32>; 4],
 }
 
 impl Picture {
