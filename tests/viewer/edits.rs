@@ -181,6 +181,15 @@ fn tools_select_while_they_are_dragged() {
         assert_eq!(said, format!("undone: selected Gaussians ({} to 0)", in_words(selected)));
         assert!(drawn(&offscreen) == before);
     }
+    // A message makes a layout of two passes, the second of which comes between the end of a stroke and its last edit.
+    let way = [[180.5, 100.5], [280.0, 150.0]];
+    frame(&mut offscreen, vec![Event::PointerMoved(at(way[0])), button(way[0], true)]);
+    frame(&mut offscreen, vec![Event::PointerMoved(at(way[1]))]);
+    offscreen.viewer().messages.note("a message");
+    frame(&mut offscreen, vec![button(way[1], false)]);
+    assert!(counts(&mut offscreen).selected > 0);
+    press(&mut offscreen, Key::Z, Modifiers::COMMAND);
+    assert_eq!(counts(&mut offscreen), Counts::default(), "one step");
     let view = offscreen.viewer().view.camera();
     let all = gaussians(&offscreen);
     // A polygon is closed by its first corner.
