@@ -19,7 +19,7 @@ pub(super) struct Drawable {
 }
 
 impl Drawable {
-    /// Opens a scene for a device, if any; `wants_levels`: with the levels of a streamed SOG.
+    /// Opens a scene for a device, if any; `wants_levels`: with the levels that its file has.
     pub fn read(scene: &SceneArg, wants_levels: bool, device: Option<&Device>) -> Result<Self> {
         match Self::in_pages(scene, wants_levels)? {
             Some(paged) => Ok(paged),
@@ -27,8 +27,8 @@ impl Drawable {
         }
     }
 
-    /// The scene, if it is a page file and is drawn as it is; `wants_levels`: also a streamed SOG, whose levels are
-    /// measured and written to a temporary file.
+    /// The scene, if it is a page file and is drawn as it is; `wants_levels`: also a file with levels
+    /// of its own, which are measured and written to a temporary file.
     pub fn in_pages(scene: &SceneArg, wants_levels: bool) -> Result<Option<Self>> {
         let file = match scene.page_file()? {
             None if wants_levels => scene.source_levels()?,

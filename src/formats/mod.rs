@@ -5,16 +5,18 @@
 //! - `write_file` - writes a scene to a file, reads it back, and reports what the format lost
 //! - `loss` - the difference of every attribute between two scenes
 //! - `input` - a file that is read front to back, with progress and cancelling
+//! - `levels` - all levels of a scene
 //! - `packed` - scenes in gzip streams, and names of other archives
 //! - `training` - settings of training beside a scene
 //! - `linked_file` - paths of files that a scene file names
 //! - `rows` - rows of bytes, and encodings that several formats share
-//! - `ply/`, `spz/`, `sog/`, `splat/`, `gltf/`, `ksplat`, `rad` - a reader for each format, and a writer for all but
+//! - `ply/`, `spz/`, `sog/`, `splat/`, `gltf/`, `rad/`, `ksplat` - a reader for each format, and a writer for all but
 //!   the last two
 
 mod gltf;
 mod input;
 mod ksplat;
+mod levels;
 mod linked_file;
 mod loss;
 mod packed;
@@ -36,12 +38,12 @@ use anyhow::Result;
 use crate::scene::{Scene, Watch};
 use input::{Input, TakeBlock};
 
+#[doc(hidden)]
+pub use levels::{Leaf, SourceLevels};
 pub use loss::Loss;
 pub use read::{Reading, in_folder, read, read_watched};
-pub(crate) use read::{SIGNATURE_BYTES, check_recognized};
-pub(crate) use sog::streamed_in;
-#[doc(hidden)]
-pub use sog::{LOD_META, Leaf, Streamed, StreamedLevels, WrittenLevels, write_sog_folder, write_streamed_sog};
+pub(crate) use read::{SIGNATURE_BYTES, check_recognized, file_with_levels};
+pub use sog::{LOD_META, Streamed, WrittenLevels, write_sog_folder, write_streamed_sog};
 pub use write::SceneFile;
 pub use write_file::{WrittenFile, write_file};
 
@@ -72,8 +74,8 @@ pub(crate) enum Recognition {
 pub(crate) enum Reader {
     /// A reader of this module. It has a `BlockReader` if some files can be read without holding the whole scene.
     Scene { read: fn(Input, &Request) -> Result<Scene>, blocks: Option<BlockReader> },
-    /// A reader of scenes with several levels of detail.
-    Levels { read: fn(Input, &Request) -> Result<Scene> },
+    /// A reader of scenes that may have several levels of detail: of one level, and of all.
+    Levels { read: fn(Input, &Request) -> Result<Scene>, read_all: fn(Input, &Request) -> Result<SourceLevels> },
     /// Page files are read by the module `pagefile`.
     Pages,
 }
@@ -141,7 +143,7 @@ pub static FORMATS: [Format; 11] = [
         name: "meta.json",
         help: "SOG in a folder",
         recognition: Recognition::Json,
-        reader: Reader::Levels { read: sog::read_json },
+        reader: Reader::Levels { read: sog::read_json, read_all: sog::read_all_levels },
         write: Some(Writer::Scene(SceneFile::SogFolder)),
     },
     Format {
@@ -166,9 +168,9 @@ pub static FORMATS: [Format; 11] = [
     },
     Format {
         name: "rad",
-        help: "Spark's levels, of which the finest is read",
+        help: "Spark's levels, the finest or all",
         recognition: Recognition::Signature(&[rad::SIGNATURE]),
-        reader: whole(|mut input, request| rad::read(&mut input, request.path)),
+        reader: Reader::Levels { read: rad::read, read_all: rad::read_levels },
         write: None,
     },
     Format {

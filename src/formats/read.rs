@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, anyhow, bail, ensure};
 
 use super::input::Input;
-use super::sog::{self, LOD_META, StreamedLevels};
+use super::sog::{self, LOD_META};
 use super::training::with_settings;
-use super::{BlockReader, Format, Reader, Recognition, Request, labels, packed};
+use super::{BlockReader, Format, Reader, Recognition, Request, SourceLevels, labels, packed, rad};
 use crate::host_memory::OutOfMemory;
 use crate::procedural::Procedural;
 use crate::scene::{Cancelled, Gaussians, LoadReport, NoLevel, Placement, Scene, Transform, Unreadable, Watch};
@@ -47,20 +47,21 @@ impl Reading {
         read_any(path, self, watch).map_err(|problem| failure(path, problem, watch))
     }
 
-    /// Reads all levels of a streamed SOG.
+    /// Reads all levels of a streamed SOG, or of a `.rad` with a tree.
     ///
     /// # Errors
-    /// Those of [`Reading::read_watched`]; [`NoLevel`] if the file is no streamed SOG.
-    pub fn read_levels(&self, path: &Path, watch: &Watch) -> Result<StreamedLevels> {
+    /// Those of [`Reading::read_watched`]; [`NoLevel`] if the file has no levels.
+    pub fn read_levels(&self, path: &Path, watch: &Watch) -> Result<SourceLevels> {
         let read = || {
             let path = &sog::in_folder(path);
             let mut input = Input::placed(path, watch, self.placement())?;
-            let is_json =
-                detect(&mut input, path)?.is_some_and(|format| matches!(format.reader, Reader::Levels { .. }));
-            ensure!(is_json, NoLevel::none());
-            let StreamedLevels { scene, coarser, leaves } = sog::read_all_levels(input, path, watch)?;
+            let format = detect(&mut input, path)?;
+            let Some(Reader::Levels { read_all, .. }) = format.map(|format| &format.reader) else {
+                bail!(NoLevel::none());
+            };
+            let SourceLevels { scene, coarser, leaves } = read_all(input, &Request { path, level: None, watch })?;
             check_drawable(&scene.report)?;
-            Ok(StreamedLevels { scene: with_settings(scene, path), coarser, leaves })
+            Ok(SourceLevels { scene: with_settings(scene, path), coarser, leaves })
         };
         read().map_err(|problem| failure(path, problem, watch))
     }
@@ -157,6 +158,13 @@ pub(crate) fn read_back(written: &Path, watch: &Watch) -> Result<Scene> {
     })
 }
 
+/// The file at a path, if it has levels: a `lod-meta.json`, which may be in the folder `path`, or a `.rad` with a tree.
+pub(crate) fn file_with_levels(path: &Path) -> Option<PathBuf> {
+    // A pipe can be read only once.
+    let is_rad = || path.is_file() && rad::has_tree(path);
+    sog::streamed_in(path).or_else(|| is_rad().then(|| path.to_owned()))
+}
+
 /// The path of the scene in a model folder of the original 3DGS: the point cloud of the last iteration. `path` may also
 /// be its folder `point_cloud` or the folder of an iteration. Any other path is returned unchanged.
 pub fn in_folder(path: &Path) -> PathBuf {
@@ -227,7 +235,7 @@ fn check_drawable(report: &LoadReport) -> Result<()> {
 fn read_open(mut input: Input, request: &Request) -> Result<Scene> {
     let format = detect(&mut input, request.path)?;
     match format.map(|format| &format.reader) {
-        Some(Reader::Levels { read }) => read(input, request),
+        Some(Reader::Levels { read, .. }) => read(input, request),
         _ if request.level.is_some() => bail!(NoLevel::none()),
         Some(Reader::Scene { read, .. }) => read(input, request),
         Some(Reader::Pages) => bail!("it is a page file, which is not read as a whole here"),

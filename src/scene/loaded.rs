@@ -182,7 +182,7 @@ pub struct NoLevel {
 impl NoLevel {
     /// The error for a scene without levels. The reader of the file adds its path.
     pub fn none() -> Self {
-        Self::of("there are no levels of detail; only a lod-meta.json has them".to_owned())
+        Self::of("there are no numbered levels of detail; only a lod-meta.json has them".to_owned())
     }
 
     /// The error with the path of the file.

@@ -194,9 +194,11 @@ fn a_file_may_hold_several_levels() {
 fn what_has_no_levels_to_keep_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (out, streamed) = (path(&folder, "a.smalto"), fixture("lod").display().to_string());
-    for scene in ["cactus:10".to_owned(), fixture("plush.sog").display().to_string()] {
+    let rad = |name| fixture(&format!("rad/plush-{name}.rad")).display().to_string();
+    for scene in ["cactus:10".to_owned(), fixture("plush.sog").display().to_string(), rad("nolod")] {
         let error = fails(2, &["lod", &scene, "--keep-levels", "-o", &out]);
-        assert!(error.contains(&format!("--keep-levels needs a lod-meta.json, and {scene} is none")), "{error}");
+        let expected = format!("--keep-levels needs a lod-meta.json, or a .rad with a tree, and {scene} is none");
+        assert!(error.contains(&expected), "{error}");
     }
     let error = Reading::default().read_levels(&fixture("plush.v1/meta.json"), &Watch::NONE).err().unwrap();
     assert!(error.is::<NoLevel>(), "{error}");
@@ -211,7 +213,8 @@ fn what_has_no_levels_to_keep_is_refused() {
     let made = path(&folder, "made.smalto");
     ok(&["lod", &out, "-o", &made]);
     let error = fails(2, &["lod", &made, "--keep-levels", "--level", "1", "-o", &one]);
-    assert!(error.contains(&format!("--keep-levels needs a lod-meta.json, and {made} is none")), "{error}");
+    let expected = format!("--keep-levels needs a lod-meta.json, or a .rad with a tree, and {made} is none");
+    assert!(error.contains(&expected), "{error}");
     ok(&["lod", &out, "--keep-levels", "--splats", "183", "-o", &one]);
     assert_eq!(read(Path::new(&one)).gaussians.len(), 183);
     ok(&["lod", &out, "-o", &path(&folder, "new/lod-meta.json")]);

@@ -20,6 +20,7 @@ mod named_files;
 mod packed;
 mod pages;
 mod rad;
+mod rad_levels;
 mod sog;
 mod sog_levels;
 mod sog_write;

@@ -62,9 +62,12 @@ pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Wri
     Ok((written(output, &finished)?, removed, notices))
 }
 
-/// Writes a page file with the levels of a streamed SOG.
+/// Writes a page file with the levels of a scene.
 pub fn keep_levels(input: &SceneArg, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
-    let is_none = || Usage(format!("--keep-levels needs a {LOD_META}, and {} is none", input.scene.display()));
+    let is_none = || {
+        let scene = input.scene.display();
+        Usage(format!("--keep-levels needs a {LOD_META}, or a .rad with a tree, and {scene} is none"))
+    };
     let path = input.path().ok_or_else(is_none)?;
     let levels = input.read_levels(&path).map_err(|error| match error.is::<NoLevel>() {
         true => is_none().into(),

@@ -89,7 +89,7 @@ pub(super) fn devices_and_scene(args: &Args) -> Result<(Vec<Device>, Drawable)> 
         args.start.end("reading");
         return Ok((open(args, usize::MAX)?, scene));
     }
-    if args.knobs.wants_levels() && args.scene.streamed_sog().is_some() {
+    if args.knobs.wants_levels() && args.scene.file_with_levels().is_some() {
         let devices = open(args, usize::MAX)?;
         let scene = Drawable::read(&args.scene, true, devices.first())?;
         args.start.end("reading");

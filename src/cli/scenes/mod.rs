@@ -16,7 +16,7 @@ use crate::camera::Up;
 use crate::cli::headings::SCENE;
 use crate::cli::values::whole;
 use crate::cli::{Usage, progress, remark};
-use crate::formats::{LOD_META, Reading, StreamedLevels};
+use crate::formats::{LOD_META, Reading, SourceLevels};
 use crate::gpu::Device;
 use crate::pagefile::PageFile;
 use crate::pagefile::write::temporary_levels;
@@ -134,8 +134,8 @@ impl SceneArg {
         }
     }
 
-    /// Reads all levels of a streamed SOG, and prints to stderr what was dropped or clamped.
-    pub fn read_levels(&self, path: &Path) -> Result<StreamedLevels> {
+    /// Reads all levels of a scene that has some, and prints to stderr what was dropped or clamped.
+    pub fn read_levels(&self, path: &Path) -> Result<SourceLevels> {
         let bar = progress::Bar::new("reading");
         let set = |fraction| bar.set(fraction);
         let levels = self.reading.reading()?.read_levels(path, &Watch::of_progress(&set))?;
@@ -144,14 +144,14 @@ impl SceneArg {
         Ok(levels)
     }
 
-    /// The file of a streamed SOG that is read as it is, with all levels.
-    pub fn streamed_sog(&self) -> Option<PathBuf> {
-        self.path().filter(|_| self.reading.is_plain()).and_then(|path| formats::streamed_in(&path))
+    /// The file of the scene, if it has levels of its own and is read as it is.
+    pub fn file_with_levels(&self) -> Option<PathBuf> {
+        self.path().filter(|_| self.reading.is_plain()).and_then(|path| formats::file_with_levels(&path))
     }
 
-    /// A temporary page file with the levels of the scene, if it is a streamed SOG. Their errors are measured.
+    /// A temporary page file with the levels of the scene, if its file has some. Their errors are measured.
     pub fn source_levels(&self) -> Result<Option<PageFile>> {
-        let Some(path) = self.streamed_sog() else { return Ok(None) };
+        let Some(path) = self.file_with_levels() else { return Ok(None) };
         let levels = self.read_levels(&path)?;
         let bar = progress::Bar::new("measuring levels");
         temporary_levels(&levels, &path, &|fraction| bar.set(fraction), &|| false).map(Some)

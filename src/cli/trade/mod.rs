@@ -62,9 +62,9 @@ pub(super) struct Args {
     ///
     /// knobs (the presets and every knob alone), search (combinations of knobs), promises (checks the accuracy that the
     /// presets promise, over all cameras), certificate (certificates compared with the true errors), levels (the
-    /// presets with all Gaussians and with fewer nodes of a page file with levels or a streamed SOG, against the exact
-    /// pictures and against pictures with 16 samples a pixel). With levels alone, the scene is not read as a whole. By
-    /// default knobs and search, and levels if it is a page file with levels.
+    /// presets with all Gaussians and with fewer nodes of a file with levels, against the exact pictures and against
+    /// pictures with 16 samples a pixel). With levels alone, the scene is not read as a whole. By default knobs and
+    /// search, and levels if it is a page file with levels.
     #[arg(long, help_heading = MEASURING, value_name = "PART,...", value_delimiter = ',', hide_possible_values = true)]
     parts: Option<Vec<Part>>,
     /// Picture size for times and errors to exact pictures

@@ -25,7 +25,6 @@ mod write_streamed;
 
 pub use folder::write_sog_folder;
 pub(crate) use read::{in_folder, read_all_levels, read_bundle, read_json, streamed_in};
-pub use read_streamed::{Leaf, StreamedLevels};
 pub(crate) use write::write;
 pub use write_streamed::{Streamed, WrittenLevels, write_streamed_sog};
 

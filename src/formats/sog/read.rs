@@ -9,10 +9,10 @@ use serde::de::IgnoredAny;
 
 use super::LOD_META;
 use super::files::Files;
-use super::read_streamed::{self, StreamedLevels};
+use super::read_streamed;
 use super::unit::{Unit, decode_all};
-use crate::formats::Request;
 use crate::formats::input::Input;
+use crate::formats::{Request, SourceLevels};
 use crate::scene::{NoLevel, Scene, Watch};
 
 /// Progress when an archive is read but not yet decoded.
@@ -61,7 +61,8 @@ pub(crate) fn read_json(input: Input, request: &Request) -> Result<Scene> {
 }
 
 /// Reads all levels of a `lod-meta.json`.
-pub(crate) fn read_all_levels(input: Input, path: &Path, watch: &Watch) -> Result<StreamedLevels> {
+pub(crate) fn read_all_levels(input: Input, request: &Request) -> Result<SourceLevels> {
+    let Request { path, watch, .. } = *request;
     let quiet = Watch { progress: &|_| {}, ..*watch };
     let mut input = input.watched_by(&quiet);
     let (json, keys) = json_of(&mut input)?;

@@ -13,7 +13,8 @@ use super::files::Files;
 use super::unit::{Unit, decode_all};
 use crate::formats::input::Input;
 use crate::formats::linked_file::inside;
-use crate::scene::{Cancelled, Gaussians, NoLevel, Scene, SceneLevel, Watch};
+use crate::formats::{Leaf, SourceLevels};
+use crate::scene::{Cancelled, NoLevel, Scene, SceneLevel, Watch};
 
 /// Largest `lod-meta.json` in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 28;
@@ -44,24 +45,6 @@ struct Range {
     #[serde(default)]
     offset: u64,
     count: u64,
-}
-
-/// All levels of a streamed SOG.
-pub struct StreamedLevels {
-    /// The finest level of every leaf, and the environment.
-    pub scene: Scene,
-    /// All Gaussians of coarser levels.
-    pub coarser: Gaussians,
-    pub leaves: Vec<Leaf>,
-}
-
-/// The Gaussians of a leaf: a part of the scene, and what may be drawn in its place.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Leaf {
-    /// Indices in the scene.
-    pub finest: ops::Range<usize>,
-    /// Indices among the coarser Gaussians of each further level.
-    pub coarser: Vec<ops::Range<usize>>,
 }
 
 /// The Gaussians of one leaf and level in a file.
@@ -95,7 +78,7 @@ fn parsed(json: &[u8]) -> Result<Written> {
 }
 
 /// Reads all levels.
-pub(crate) fn read_levels(input: &mut Input, json: &[u8], folder: &Path, watch: &Watch) -> Result<StreamedLevels> {
+pub(crate) fn read_levels(input: &mut Input, json: &[u8], folder: &Path, watch: &Watch) -> Result<SourceLevels> {
     let written = parsed(json)?;
     let (mut leaves, mut pieces_of_files) = (0, BTreeMap::<usize, Vec<Piece>>::new());
     written.tree.leaves(&mut |lods| {
@@ -170,7 +153,7 @@ pub(crate) fn read_levels(input: &mut Input, json: &[u8], folder: &Path, watch: 
     }
     let (gaussians, report) = finest.finish();
     let scene = Scene { gaussians, report, is_antialiased, notices, ..Scene::empty("streamed SOG") };
-    Ok(StreamedLevels { scene, coarser, leaves })
+    Ok(SourceLevels { scene, coarser, leaves })
 }
 
 pub(crate) fn read(input: &mut Input, json: &[u8], folder: &Path, level: Option<u32>, watch: &Watch) -> Result<Scene> {

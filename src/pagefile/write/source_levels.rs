@@ -13,7 +13,7 @@ use super::group_checkpoint::GroupBounds;
 use super::hierarchy::{LEAST_TYPICAL, tempered};
 use super::output::Output;
 use crate::files::{Checkpoint, PartialFolder};
-use crate::formats::{LOD_META, Leaf, StreamedLevels};
+use crate::formats::{Leaf, SourceLevels};
 use crate::lod::{NEVER, Nodes, Replacement, code_of, median, replacement};
 use crate::packing::Statistics;
 use crate::pagefile::{Header, LodSections, NO_PAGE, PAGE, PageFile, PageLod};
@@ -29,7 +29,7 @@ const MOST_PER_FULL: usize = 16;
 /// # Errors
 /// As [`write_source_levels`].
 pub fn temporary_levels(
-    levels: &StreamedLevels,
+    levels: &SourceLevels,
     source: &Path,
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
@@ -39,7 +39,7 @@ pub fn temporary_levels(
         let output = &folder.path().join("levels.smalto");
         let settings = Settings { has_levels: true, ..Settings::default() };
         // The hash of a page file in reports is that of its header, which has the title.
-        let title = LOD_META.to_owned();
+        let title = source.file_name().unwrap_or_default().to_string_lossy().into_owned();
         write_source_levels(&Job { output, settings, title, progress, is_cancelled }, levels)?;
         // The file stays readable while it is open.
         PageFile::open(output)
@@ -53,8 +53,8 @@ pub fn temporary_levels(
 /// # Errors
 /// If the leaves are so small that most pages would be empty, or the file cannot be written;
 /// [`Cancelled`](crate::scene::Cancelled).
-pub fn write_source_levels(job: &Job, levels: &StreamedLevels) -> Result<Finished> {
-    let StreamedLevels { scene, coarser, leaves } = levels;
+pub fn write_source_levels(job: &Job, levels: &SourceLevels) -> Result<Finished> {
+    let SourceLevels { scene, coarser, leaves } = levels;
     let count = scene.gaussians.len();
     check_count(count + coarser.len())?;
     let checkpoint = Checkpoint::beside(job.output, STATE)?;
@@ -129,7 +129,7 @@ struct Measured {
 }
 
 /// Measures the levels of a leaf, from the finest.
-fn measure(job: &Job, levels: &StreamedLevels, leaf: &Leaf) -> Result<Vec<Measured>> {
+fn measure(job: &Job, levels: &SourceLevels, leaf: &Leaf) -> Result<Vec<Measured>> {
     let mut finer = Nodes::of(&levels.scene.gaussians, leaf.finest.clone());
     let finest = finer.len();
     let mut measured = vec![Measured::default()];
@@ -154,7 +154,7 @@ fn measure(job: &Job, levels: &StreamedLevels, leaf: &Leaf) -> Result<Vec<Measur
 
 struct LeafWriter<'w> {
     output: &'w Output<'w>,
-    levels: &'w StreamedLevels,
+    levels: &'w SourceLevels,
     leaf: &'w Leaf,
     measured: &'w [Measured],
     /// The typical error of nodes that stand for one Gaussian of the scene.
@@ -188,7 +188,7 @@ impl<'l> Level<'l> {
 impl LeafWriter<'_> {
     /// Writes the pages of the finest level from the page `finest` on, and those of the others from `coarser` on.
     fn write(&self, [finest, coarser]: [usize; 2]) -> Result<()> {
-        let StreamedLevels { scene, coarser: gaussians, .. } = self.levels;
+        let SourceLevels { scene, coarser: gaussians, .. } = self.levels;
         let of_coarser = self.leaf.coarser.iter().map(|range| (gaussians, range));
         let parts = std::iter::once((&scene.gaussians, &self.leaf.finest)).chain(of_coarser).zip(self.measured);
         let level = |((gaussians, range), measured)| Level::of(gaussians, range, measured, self.typical);

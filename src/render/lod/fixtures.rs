@@ -5,7 +5,7 @@ use std::sync::{Arc, Condvar, LazyLock, Mutex};
 
 use anyhow::Result;
 
-use crate::formats::{Leaf, StreamedLevels};
+use crate::formats::{Leaf, SourceLevels};
 use crate::gpu::{Device, DeviceChoice, Validation};
 use crate::options::Options;
 use crate::pagefile::PageFile;
@@ -37,7 +37,7 @@ pub(crate) fn with_source_levels(scene: Scene, most: usize, options: Options) ->
         leaves.push(Leaf { finest, coarser });
     }
     let coarser = gaussians.selected(&of_coarser).unwrap();
-    let levels = StreamedLevels { scene: Scene { gaussians, ..scene }, coarser, leaves };
+    let levels = SourceLevels { scene: Scene { gaussians, ..scene }, coarser, leaves };
     written(options, |job| write_source_levels(job, &levels))
 }
 

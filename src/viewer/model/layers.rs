@@ -61,7 +61,7 @@ pub struct Layer {
     pub has_changed: bool,
     /// How the file is read.
     pub reading: Reading,
-    /// True if a streamed SOG is read with all of its levels.
+    /// True if a scene is read with all levels that its file has.
     wants_levels: bool,
     /// Stamp of the file when it was read last.
     stamp: FileStamp,
@@ -127,7 +127,7 @@ impl LayerSource {
 }
 
 impl Layer {
-    /// A layer whose scene a job starts to read; `wants_levels`: with all levels of a streamed SOG.
+    /// A layer whose scene a job starts to read; `wants_levels`: with all levels that its file has.
     pub fn open(number: u64, source: LayerSource, reading: Reading, wants_levels: bool, jobs: &Jobs) -> Self {
         let mut layer = Self {
             number,
@@ -326,7 +326,7 @@ fn read(
     }
     if wants_levels
         && reading == Reading::default()
-        && let Some(path) = formats::streamed_in(&path)
+        && let Some(path) = formats::file_with_levels(&path)
     {
         let half = |begin: f64| move |fraction: f64| progress(begin + 0.5 * fraction);
         let (is_cancelled, first) = (|| cancel.is_cancelled(), half(0.0));

@@ -1,9 +1,8 @@
-//! Reads `.rad` of Spark: JSON headers, and chunks of up to 65,536 Gaussians whose properties are compressed planes. Of
-//! a file with a tree of levels, the Gaussians of the scene, its leaves, are read. The bytes are those that Spark's
-//! encoder writes (`rust/spark-lib/src/rad.rs` of github.com/sparkjsdev/spark); there is no specification.
+//! Chunks of a `.rad`: the encodings of their properties, and the Gaussians that these are.
 
 use std::io::Read;
-use std::path::Path;
+use std::ops::Range;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use flate2::read::DeflateDecoder;
@@ -11,44 +10,16 @@ use half::f16;
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::input::{Input, checked_count, word};
-use super::linked_file::inside;
+use crate::formats::input::{Input, word};
 use crate::host_memory::host_zeros;
-use crate::scene::{Activated, Scene, USUAL_SH_DEGREE, Watch, harmonics, sh_coefficients};
+use crate::scene::{Activated, harmonics, sh_coefficients};
 
-pub(crate) const SIGNATURE: &[u8] = b"RAD0";
 const CHUNK: &[u8] = b"RADC";
 /// Most bytes of a JSON header, and of a chunk.
 const MOST_JSON: u64 = 1 << 28;
 const MOST_CHUNK: u64 = 1 << 30;
 /// Most Gaussians of a chunk.
-const MOST_IN_CHUNK: u64 = 1 << 24;
-/// Bytes that the properties of a Gaussian take at least, and the highest ratio of deflate.
-const LEAST_BYTES: u64 = 16;
-const MOST_RATIO: u64 = 1032;
-
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct FileMeta {
-    version: u32,
-    #[serde(rename = "type")]
-    kind: String,
-    count: u64,
-    max_sh: Option<u32>,
-    lod_tree: Option<bool>,
-    chunk_size: Option<u64>,
-    chunks: Vec<Place>,
-    sh_code_count: Option<u64>,
-}
-
-/// Where a chunk lies: behind the header, or in a file of its own.
-#[derive(Deserialize)]
-struct Place {
-    #[serde(default)]
-    offset: u64,
-    bytes: u64,
-    filename: Option<String>,
-}
+pub const MOST_IN_CHUNK: u64 = 1 << 24;
 
 #[derive(Deserialize)]
 struct ChunkMeta {
@@ -68,67 +39,9 @@ struct Property {
     max: Option<f32>,
 }
 
-pub(crate) fn read(input: &mut Input, path: &Path) -> Result<Scene> {
-    let (meta, begin): (FileMeta, _) = header(input, SIGNATURE, "the header")?;
-    let FileMeta { version, kind, count, .. } = &meta;
-    let has_tree = meta.lod_tree == Some(true);
-    ensure!(*version == 1, "RAD version {version} is not supported, only 1");
-    ensure!(kind == "gsplat", "its type is '{kind}', and only gsplat is supported");
-    let degree = meta.max_sh.unwrap_or(0);
-    ensure!(degree <= USUAL_SH_DEGREE, "SH degree {degree} is not supported, only 0 to {USUAL_SH_DEGREE}");
-    let (each, chunks) = (meta.chunk_size.unwrap_or(*count).max(1), meta.chunks.len());
-    ensure!(each <= MOST_IN_CHUNK || each == *count, "chunks of {each} Gaussians are not supported");
-    ensure!(chunks as u64 == count.div_ceil(each), "{count} Gaussians are not {chunks} chunks of {each}");
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let file_of = |name: &String| {
-        let open = || Input::open(&inside(folder, name)?, &Watch::NONE);
-        open().with_context(|| name.clone())
-    };
-    let mut available = input.left();
-    for name in meta.chunks.iter().filter_map(|place| place.filename.as_ref()) {
-        available = available.saturating_add(file_of(name)?.len());
-    }
-    let capacity = checked_count(*count, LEAST_BYTES, available.saturating_mul(MOST_RATIO), "Gaussians")?;
-    let mut builder = input.builder(degree, capacity)?;
-    input.set_read_fraction(0.0);
-    let (mut codes, mut next) = (Vec::new(), begin);
-    for (number, place) in meta.chunks.iter().enumerate() {
-        input.before_block(&builder)?;
-        let first = number as u64 * each;
-        let expected = each.min(count - first);
-        let mut take = || {
-            let chunk = match &place.filename {
-                None => {
-                    let from = begin.saturating_add(place.offset);
-                    ensure!(from >= next, "it lies before the end of the chunk before");
-                    input.skip(from - next, "what is between chunks")?;
-                    next = from.saturating_add(place.bytes);
-                    Chunk::read(input, place.bytes, expected)?
-                }
-                Some(name) => {
-                    let mut file = file_of(name)?;
-                    let bytes = file.len();
-                    Chunk::read(&mut file, bytes, expected).with_context(|| name.clone())?
-                }
-            };
-            if number == 0 {
-                codes = chunk.codes(degree, meta.sh_code_count)?;
-            }
-            let (columns, leaves) = (chunk.columns(degree, &codes)?, chunk.leaves(has_tree)?);
-            builder.extend(leaves.len(), |index, sh| columns.gaussian(leaves[index], sh));
-            anyhow::Ok(())
-        };
-        take().with_context(|| format!("chunk {number}"))?;
-        input.report_decoded((first + expected) as f64 / *count as f64);
-    }
-    let (gaussians, report) = builder.finish();
-    let format = if has_tree { format!("RAD, the leaves of {count} nodes") } else { "RAD".to_owned() };
-    Ok(Scene { gaussians, report, ..Scene::empty(&format) })
-}
-
 /// Reads a signature, and a JSON text with its length before it and zeros up to a multiple of 8 bytes behind it. Also
 /// returns the number of bytes.
-fn header<T: serde::de::DeserializeOwned>(input: &mut Input, signature: &[u8], what: &str) -> Result<(T, u64)> {
+pub fn header<T: serde::de::DeserializeOwned>(input: &mut Input, signature: &[u8], what: &str) -> Result<(T, u64)> {
     let start = input.bytes(8, what)?;
     ensure!(start.starts_with(signature), "{what} does not begin with {}", String::from_utf8_lossy(signature));
     let length = u64::from(word(&start, 4));
@@ -140,15 +53,15 @@ fn header<T: serde::de::DeserializeOwned>(input: &mut Input, signature: &[u8], w
 }
 
 /// A chunk that is read, but not decoded.
-struct Chunk {
-    count: usize,
+pub struct Chunk {
+    pub count: usize,
     properties: Vec<Property>,
     payload: Vec<u8>,
 }
 
 impl Chunk {
     /// Reads a chunk of `bytes` bytes with `expected` Gaussians.
-    fn read(input: &mut Input, bytes: u64, expected: u64) -> Result<Self> {
+    pub fn read(input: &mut Input, bytes: u64, expected: u64) -> Result<Self> {
         ensure!(bytes <= MOST_CHUNK, "it has {bytes} bytes, expected at most {MOST_CHUNK}");
         let (ChunkMeta { version, count, properties }, length) = header(input, CHUNK, "its header")?;
         ensure!(version == 1, "its version is {version}, and only 1 is supported");
@@ -256,8 +169,8 @@ impl Chunk {
     }
 
     /// The spherical harmonics of the palette, as planes of degree 1, 2 and 3; empty without a palette.
-    fn codes(&self, degree: u32, count: Option<u64>) -> Result<Vec<Vec<f32>>> {
-        let Some(count) = count else { return Ok(Vec::new()) };
+    pub fn codes(&self, degree: u32, count: Option<u64>) -> Result<Arc<[Vec<f32>]>> {
+        let Some(count) = count else { return Ok(Arc::new([])) };
         let count = usize::try_from(count.min(MOST_IN_CHUNK))?;
         let of_degree = |degree: u32| {
             let property = self.needed(&format!("sh{degree}_code"))?;
@@ -267,7 +180,7 @@ impl Chunk {
     }
 
     /// The values of all Gaussians. `codes` are the planes of the palette.
-    fn columns<'c>(&self, degree: u32, codes: &'c [Vec<f32>]) -> Result<Columns<'c>> {
+    pub fn columns(&self, degree: u32, codes: &Arc<[Vec<f32>]>) -> Result<Columns> {
         const NUMBERS: [(&str, usize); 4] = [("center", 3), ("alpha", 1), ("rgb", 3), ("scales", 3)];
         let numbers = NUMBERS.par_iter().map(|(name, planes)| self.planes(self.needed(name)?, *planes, self.count));
         let [means, alphas, colours, scales] =
@@ -304,16 +217,23 @@ impl Chunk {
             labels = Some(own);
         }
         ensure!(labels.is_some() || sh.len() == degree as usize, "it has a part of its spherical harmonics");
-        Ok(Columns { count: self.count, means, alphas, colours, scales, rotations, sh, labels, codes })
+        Ok(Columns { count: self.count, means, alphas, colours, scales, rotations, sh, labels, codes: codes.clone() })
     }
 
-    /// The indices of the Gaussians that stand for no others.
-    fn leaves(&self, has_tree: bool) -> Result<Vec<usize>> {
-        if !has_tree {
-            return Ok((0..self.count).collect());
-        }
+    /// The indices of the Gaussians that stand for no others, in a file with a tree.
+    pub fn leaves(&self) -> Result<Vec<usize>> {
         let children = self.whole(self.needed("child_count")?)?;
         Ok((0..self.count).filter(|index| children[*index] == 0).collect())
+    }
+
+    /// The children of each node, in a file with a tree.
+    pub fn children(&self) -> Result<Vec<Range<u32>>> {
+        let [counts, starts] = ["child_count", "child_start"].map(|name| self.whole(self.needed(name)?));
+        let range = |(count, start): (u32, u32)| match count {
+            0 => Ok(0..0),
+            _ => Ok(start..start.checked_add(count).context("its tree names a node that is not there")?),
+        };
+        counts?.into_iter().zip(starts?).map(range).collect()
     }
 }
 
@@ -330,7 +250,7 @@ fn turn_about([u, v, angle]: [u8; 3]) -> [f64; 4] {
 }
 
 /// The decoded planes of a chunk.
-struct Columns<'c> {
+pub struct Columns {
     count: usize,
     means: Vec<f32>,
     alphas: Vec<f32>,
@@ -341,15 +261,16 @@ struct Columns<'c> {
     sh: Vec<Vec<f32>>,
     /// Otherwise the entry of each in the palette.
     labels: Option<Vec<u32>>,
-    codes: &'c [Vec<f32>],
+    codes: Arc<[Vec<f32>]>,
 }
 
-impl Columns<'_> {
-    fn gaussian(&self, index: usize, sh: &mut [[f32; 3]]) -> Activated {
+impl Columns {
+    /// A Gaussian, whose spherical harmonics are written to `sh`.
+    pub fn gaussian(&self, index: usize, sh: &mut [[f32; 3]]) -> Activated {
         let of = |planes: &[f32]| [0, 1, 2].map(|k| planes[k * self.count + index]);
         sh[0] = of(&self.colours).map(|value| ((f64::from(value) - 0.5) / harmonics::C0) as f32);
         let (planes, place) = match &self.labels {
-            Some(labels) => (self.codes, labels[index] as usize),
+            Some(labels) => (&self.codes[..], labels[index] as usize),
             None => (&self.sh[..], index),
         };
         for (degree, planes) in (1..).zip(planes) {
@@ -359,14 +280,25 @@ impl Columns<'_> {
                 *value = std::array::from_fn(|channel| planes[(3 * basis + channel) * stride + place]);
             }
         }
-        let alpha = f64::from(self.alphas[index]);
-        let (opacity, wider) = if alpha > ROUNDED_ONE { (1.0, widening(alpha)) } else { (alpha.min(1.0), 1.0) };
+        let (opacity, wider) = self.shape(index);
         Activated {
             mean: of(&self.means).map(f64::from),
             scale: of(&self.scales).map(|scale| wider * f64::from(scale)),
             rotation: self.rotations[index],
             opacity,
         }
+    }
+
+    /// The opacity of a Gaussian, and the factor of its scales.
+    fn shape(&self, index: usize) -> (f64, f64) {
+        let alpha = f64::from(self.alphas[index]);
+        if alpha > ROUNDED_ONE { (1.0, widening(alpha)) } else { (alpha.min(1.0), 1.0) }
+    }
+
+    /// The largest standard deviation of a Gaussian, as it is drawn.
+    pub fn size(&self, index: usize) -> f32 {
+        let scales = [0, 1, 2].map(|k| self.scales[k * self.count + index]);
+        self.shape(index).1 as f32 * scales.into_iter().fold(0.0, f32::max)
     }
 }
 

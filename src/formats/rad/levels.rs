@@ -1,0 +1,231 @@
+//! All levels of a `.rad` with a tree: subtrees of some thousand Gaussians of the scene, each cut at several sizes of
+//! nodes.
+
+use std::collections::HashSet;
+use std::ops::Range;
+
+use anyhow::{Context, Result, ensure};
+use rayon::prelude::*;
+
+use super::read::RadFile;
+use crate::formats::input::Input;
+use crate::formats::{Leaf, Request, SourceLevels};
+use crate::scene::{Builder, NoLevel, Scene};
+
+/// Most Gaussians of the scene that change their level together, as in the leaves of a streamed SOG that `smalto lod`
+/// writes.
+const MOST_LEAVES: u32 = 32_768;
+/// A level has a half of the nodes of the next finer one, or an eighth of this many, which fit into a page.
+const FEW: usize = 1024;
+
+/// Reads the leaves of the tree, and the nodes of coarser levels. A subtree takes the place of the leaf of a streamed
+/// SOG.
+pub(crate) fn read_levels(mut input: Input, request: &Request) -> Result<SourceLevels> {
+    let input = &mut input;
+    let file = RadFile::open(input, request.path)?;
+    ensure!(file.has_tree(), NoLevel::none());
+    let (mut chunks, mut children) = (Vec::new(), Vec::new());
+    file.chunks(input, |_, chunk, columns| {
+        children.extend(chunk.children()?);
+        chunks.push(columns);
+        Ok(())
+    })?;
+    let place = |node: u32| (&chunks[node as usize / file.in_chunk], node as usize % file.in_chunk);
+    let size = |node| {
+        let (columns, index) = place(node);
+        columns.size(index)
+    };
+    let sizes = (0..children.len() as u32).into_par_iter().map(size).collect();
+    let tree = Tree::new(children, sizes)?;
+    let parts: Vec<Vec<Vec<u32>>> = tree.parts(MOST_LEAVES).par_iter().map(|roots| tree.cuts(roots)).collect();
+    let of_scene = parts.iter().map(|cuts| cuts[0].len()).sum();
+    let all: usize = parts.iter().flatten().map(Vec::len).sum();
+    let (mut finest, mut coarser) =
+        (input.builder(file.degree, of_scene)?, input.builder(file.degree, all - of_scene)?);
+    let add = |builder: &mut Builder, cut: &Vec<u32>| {
+        let begin = builder.len();
+        builder.extend(cut.len(), |i, sh| {
+            let (columns, index) = place(cut[i]);
+            columns.gaussian(index, sh)
+        });
+        begin..builder.len()
+    };
+    let mut leaves = Vec::new();
+    for cuts in &parts {
+        let own = add(&mut finest, &cuts[0]);
+        // Nothing stands for Gaussians that cannot be drawn.
+        if !own.is_empty() {
+            let ranges = cuts[1..].iter().map(|cut| add(&mut coarser, cut)).filter(|range| !range.is_empty());
+            leaves.push(Leaf { finest: own, coarser: ranges.collect() });
+        }
+    }
+    let ((gaussians, report), (coarser, of_coarser)) = (finest.finish(), coarser.finish());
+    let left_out = (of_coarser.dropped() > 0)
+        .then(|| format!("{} nodes of coarser levels are left out: they cannot be drawn", of_coarser.dropped()));
+    let scene = Scene { gaussians, report, notices: left_out.into_iter().collect(), ..Scene::empty(&file.format()) };
+    Ok(SourceLevels { scene, coarser, leaves })
+}
+
+/// The tree of the nodes of a file. The first node is the root.
+struct Tree {
+    children: Vec<Range<u32>>,
+    /// Sizes of nodes, none of which is smaller than what is below it.
+    sizes: Vec<f32>,
+    /// Number of leaves below each node; 1 of a leaf.
+    leaves: Vec<u32>,
+}
+
+impl Tree {
+    fn new(children: Vec<Range<u32>>, mut sizes: Vec<f32>) -> Result<Self> {
+        // Parents come before their children.
+        let (mut order, mut is_found) = (vec![0], vec![false; children.len()]);
+        is_found.iter_mut().take(1).for_each(|root| *root = true);
+        let mut next = 0;
+        while let Some(of_node) = order.get(next).and_then(|node| children.get(*node as usize)) {
+            for child in of_node.clone() {
+                let count = children.len();
+                let found = is_found.get_mut(child as usize);
+                let found = found.with_context(|| format!("its tree names node {child}, and there are {count}"))?;
+                ensure!(!std::mem::replace(found, true), "its tree names node {child} of {count} twice");
+                order.push(child);
+            }
+            next += 1;
+        }
+        ensure!(
+            next == children.len(),
+            "{} of its {} nodes are not in its tree",
+            children.len() - next,
+            children.len()
+        );
+        let mut leaves = vec![0; children.len()];
+        for node in order.into_iter().rev().map(|node| node as usize) {
+            let below = children[node].start as usize..children[node].end as usize;
+            sizes[node] = sizes[below.clone()].iter().copied().fold(sizes[node], f32::max);
+            leaves[node] = leaves[below].iter().sum::<u32>().max(1);
+        }
+        Ok(Self { children, sizes, leaves })
+    }
+
+    fn of(&self, node: u32) -> Range<u32> {
+        self.children[node as usize].clone()
+    }
+
+    /// Visits the nodes of the subtrees of these roots, parents before their children, which are left out where `visit`
+    /// returns false.
+    fn walk(&self, roots: &[u32], mut visit: impl FnMut(u32) -> bool) {
+        let mut to_visit: Vec<u32> = roots.iter().rev().copied().collect();
+        while let Some(node) = to_visit.pop() {
+            if visit(node) {
+                to_visit.extend(self.of(node).rev());
+            }
+        }
+    }
+
+    /// The roots of subtrees that hold all leaves, in parts with at most `most` leaves each. A part is a run of a walk
+    /// through the tree, so that its leaves lie near each other.
+    fn parts(&self, most: u32) -> Vec<Vec<u32>> {
+        let (mut parts, mut left) = (Vec::<Vec<u32>>::new(), 0);
+        self.walk(&[0], |node| {
+            let leaves = self.leaves[node as usize];
+            if leaves > most {
+                return true;
+            }
+            if leaves > left {
+                parts.push(Vec::new());
+                left = most;
+            }
+            left -= leaves;
+            parts.last_mut().expect("a part").push(node);
+            false
+        });
+        parts
+    }
+
+    /// The levels of a part, the finest first: the leaves, then nodes that stand for them. The smallest nodes are
+    /// drawn in place of their children first.
+    fn cuts(&self, roots: &[u32]) -> Vec<Vec<u32>> {
+        let mut inner = Vec::new();
+        self.walk(roots, |node| {
+            inner.extend((!self.of(node).is_empty()).then_some(node));
+            true
+        });
+        // Of equal sizes, children come first.
+        inner.reverse();
+        inner.sort_by(|a, b| self.sizes[*a as usize].total_cmp(&self.sizes[*b as usize]));
+        let mut drawn = HashSet::new();
+        let cut = |drawn: &HashSet<u32>| {
+            let mut cut = Vec::new();
+            self.walk(roots, |node| {
+                let is_split = !self.of(node).is_empty() && !drawn.contains(&node);
+                cut.extend((!is_split).then_some(node));
+                is_split
+            });
+            cut
+        };
+        let mut cuts = vec![cut(&drawn)];
+        let (mut count, mut inner) = (cuts[0].len(), inner.into_iter().peekable());
+        while inner.peek().is_some() {
+            let most = if count > FEW { count / 2 } else { count / 8 };
+            while let Some(node) = inner.next_if(|_| count > most) {
+                count -= self.of(node).len() - 1;
+                drawn.insert(node);
+            }
+            cuts.push(cut(&drawn));
+        }
+        cuts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A root with two children, which have three leaves and four.
+    fn tree() -> Tree {
+        let children = vec![1..3, 3..6, 6..10, 0..0, 0..0, 0..0, 0..0, 0..0, 0..0, 0..0];
+        Tree::new(children, vec![1.0, 2.0, 3.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0]).unwrap()
+    }
+
+    #[test]
+    fn sizes_and_leaves_are_those_below() {
+        assert_eq!(tree().sizes[..4], [4.0, 2.0, 4.0, 1.0]);
+        assert_eq!(tree().leaves[..4], [7, 3, 4, 1]);
+    }
+
+    #[test]
+    fn parts_have_all_leaves() {
+        assert_eq!(tree().parts(7), [vec![0]]);
+        assert_eq!(tree().parts(6), [vec![1], vec![2]]);
+        assert_eq!(tree().parts(3), [vec![1], vec![6, 7, 8], vec![9]]);
+        assert_eq!(tree().parts(2), [vec![3, 4], vec![5, 6], vec![7, 8], vec![9]]);
+    }
+
+    #[test]
+    fn small_nodes_are_drawn_first() {
+        let tree = tree();
+        assert_eq!(tree.cuts(&[1, 2]), [vec![3, 4, 5, 6, 7, 8, 9], vec![1, 2]]);
+        // 2000 leaves, the first of which have smaller parents.
+        let pairs = (0..1000).map(|i| 1001 + 2 * i..1003 + 2 * i);
+        let children = std::iter::once(1..1001).chain(pairs).chain(vec![0..0; 2000]).collect();
+        let sizes = (0..3001).map(|i| i as f32).collect();
+        let cuts = Tree::new(children, sizes).unwrap().cuts(&[0]);
+        assert_eq!(cuts.iter().map(Vec::len).collect::<Vec<_>>(), [2000, 1000, 1]);
+        let children = std::iter::once(1..1501).chain((0..1500).map(|i| 1501 + 2 * i..1503 + 2 * i));
+        let children: Vec<Range<u32>> = children.chain(vec![0..0; 3000]).collect();
+        let sizes = vec![0.0; children.len()];
+        let tree = Tree::new(children, sizes).unwrap();
+        assert_eq!(tree.cuts(&[0]).iter().map(Vec::len).collect::<Vec<_>>(), [3000, 1500, 1]);
+    }
+
+    #[test]
+    fn what_is_no_tree_is_refused() {
+        let refused = |children: Vec<Range<u32>>| {
+            let sizes = vec![1.0; children.len()];
+            Tree::new(children, sizes).err().unwrap().to_string()
+        };
+        assert_eq!(refused(vec![1..3, 0..0, 1..2]), "its tree names node 1 of 3 twice");
+        assert_eq!(refused(vec![0..1]), "its tree names node 0 of 1 twice");
+        assert_eq!(refused(vec![1..3, 0..0]), "its tree names node 2, and there are 2");
+        assert_eq!(refused(vec![1..2, 0..0, 0..0]), "1 of its 3 nodes are not in its tree");
+    }
+}
