@@ -8,7 +8,8 @@ const uint BLOCK_WIDTH = 8;      // px; blocks are 4, 8 or 16 px high
 const uint NOT_STOPPED = 4294967295;  // in place of a depth key: a pixel of the block has not stopped
 const uint MAX_BINS = 7200;      // bins in a picture at most: their counts fit into 32 KiB of workgroup memory
 const uint PROJECT_CHUNK = 384;  // Gaussians that one workgroup of project takes
-const uint BIN_CHUNKS = 264;     // fewest chunks of the splats; each is listed by one workgroup of list
+const uint BIN_CHUNK = 1024;     // splats in a chunk, as many as lanes of list, if there are few of them
+const uint BIN_CHUNKS = 264;     // chunks of more splats than that; each is listed by one workgroup of list
 const uint MAX_BIN_CHUNKS = 2048;  // four for each lane of sort
 const uint MANY_SPLATS = 2500000;  // splats from which on there are more chunks than BIN_CHUNKS
 const uint BIN_RUN = 2048;       // entries that one workgroup of sort sorts
@@ -47,11 +48,12 @@ struct FastDispatches {
 // these do not fit into the cache of the GPU, parts of its lines go to memory one by one, so regions are smaller where
 // there are many splats. As sort reads every chunk list by itself, there are at most as many lists as splats.
 uint bin_chunks(uint splats, uint bins) {
-    return splats < MANY_SPLATS ? BIN_CHUNKS : clamp(splats / bins, BIN_CHUNKS, MAX_BIN_CHUNKS);
+    if (splats < MANY_SPLATS) return clamp((splats + BIN_CHUNK - 1) / BIN_CHUNK, 1, BIN_CHUNKS);
+    return clamp(splats / bins, BIN_CHUNKS, MAX_BIN_CHUNKS);
 }
 
 // The place of a chunk list's begin in `list_starts`: chunk by chunk, as list writes them, or, if sort reads many for
 // each bin, bin by bin.
 uint start_place(uint chunk, uint chunks, uint bin, uint bins) {
-    return chunks == BIN_CHUNKS ? chunk * (bins + 1) + bin : bin * chunks + chunk;
+    return chunks <= BIN_CHUNKS ? chunk * (bins + 1) + bin : bin * chunks + chunk;
 }

@@ -130,7 +130,7 @@ impl Bench {
         let chunks = self.work.bin_chunks(self.grid) as usize;
         // The layout of `start_place` in glsl/fast/frame.glsl.
         let place =
-            |chunk, bin| if chunks == BIN_CHUNKS as usize { chunk * (bins + 1) + bin } else { bin * chunks + chunk };
+            |chunk, bin| if chunks <= BIN_CHUNKS as usize { chunk * (bins + 1) + bin } else { bin * chunks + chunk };
         (0..chunks).map(|chunk| (0..=bins).map(|bin| starts[place(chunk, bin)] as usize).collect()).collect()
     }
 

@@ -4,7 +4,9 @@ use super::fast_input::{Bench, Input, parts};
 use crate::common::Random;
 use smalto::options::Options;
 use smalto::reference;
-use smalto::render::shaders::fast::{BIN_RUN, BIN_SEGMENT, MANY_SPLATS, MAX_BIN_CHUNKS, MERGE_RUNS};
+use smalto::render::shaders::fast::{
+    BIN_CHUNK, BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, MANY_SPLATS, MAX_BIN_CHUNKS, MERGE_RUNS,
+};
 use smalto::render::shaders::{FastCounters, FastDispatches};
 use smalto::render::{BinGrid, Capacity};
 
@@ -36,8 +38,8 @@ fn scattered(count: usize) -> Input {
     Input::with(span_ranges, spans, |i| i.wrapping_mul(0x9e37_79b9) >> 8)
 }
 
-/// Around a lane, a subgroup and the number of chunks; with several splats a chunk.
-const COUNTS: [usize; 13] = [0, 1, 7, 8, 31, 32, 33, 263, 264, 265, 1023, 8448, 20_001];
+/// Around a lane, a subgroup and a chunk.
+const COUNTS: [usize; 11] = [0, 1, 7, 8, 31, 32, 33, 1023, 1024, 1025, 20_001];
 
 fn counters_are_zero(bench: &Bench) {
     let FastCounters { visible, spans, listed_low, listed_high } = bench.gpu.download(&bench.work.counters)[0];
@@ -230,18 +232,20 @@ fn sort_and_check(bench: &Bench, input: &Input) -> Vec<u32> {
     ids
 }
 
-/// Many splats are listed in more chunks, and their lists begin at other places.
+/// More splats are listed in chunks of more splats than lanes, and many in more chunks, whose lists begin at other
+/// places.
 #[test]
 fn many_splats_are_listed_in_more_chunks_than_sort_has_lanes() {
-    let count = MANY_SPLATS + 1000;
-    let mut random = Random(5);
-    let spans = (0..count).map(|_| (random.below(40), random.below(25))).collect::<Vec<_>>();
-    let spans = spans.into_iter().map(|(column, row)| (row, column, column + 1));
-    let input = Input::of_spans(spans, |i| i.wrapping_mul(0x9e37_79b9) >> 4);
-    let bench = Bench::with(&Options::BALANCED, [40 * 64, 25 * 32], 2, &input, count as usize, 0);
-    assert_eq!(bench.work.bin_chunks(bench.grid), MAX_BIN_CHUNKS);
-    bench.list();
-    sort_and_check(&bench, &input);
+    for (count, chunks) in [(BIN_CHUNKS * BIN_CHUNK + 1000, BIN_CHUNKS), (MANY_SPLATS + 1000, MAX_BIN_CHUNKS)] {
+        let mut random = Random(5);
+        let spans = (0..count).map(|_| (random.below(40), random.below(25))).collect::<Vec<_>>();
+        let spans = spans.into_iter().map(|(column, row)| (row, column, column + 1));
+        let input = Input::of_spans(spans, |i| i.wrapping_mul(0x9e37_79b9) >> 4);
+        let bench = Bench::with(&Options::BALANCED, [40 * 64, 25 * 32], 2, &input, count as usize, 0);
+        assert_eq!(bench.work.bin_chunks(bench.grid), chunks);
+        bench.list();
+        sort_and_check(&bench, &input);
+    }
 }
 
 /// A folded dispatch may have more workgroups than there are runs. Here it has twice as many, those beyond find the

@@ -9,7 +9,7 @@ use anyhow::Result;
 use super::denormals::flushes_denormals;
 use super::grid::BinGrid;
 use super::stages::{self, BLOCK_FORMS, blend_constants, sort_constants};
-use super::workspace::FastWorkspace;
+use super::workspace::{FastWorkspace, bin_chunks};
 use crate::gpu::{Access, Commands, Device, DispatchSize, Shader, Stage};
 use crate::options::Options;
 use crate::packing::Layout;
@@ -243,14 +243,15 @@ impl FastPipeline {
     pub fn least_bytes(&self, shot: Shot, totals: &Totals) -> Vec<(&'static str, u64)> {
         let scene = shot.scene;
         let [visible, spans, entries] = [totals.visible_kept, totals.spans, totals.listed_kept].map(u64::from);
-        let bins = u64::from(self.grid_of(shot, scene.len()).count());
+        let grid = self.grid_of(shot, scene.len());
+        let bins = u64::from(grid.count());
         let pixels: u64 = shot.size().iter().map(|side| u64::from(*side)).product();
         let splat = 16 * self.splat_elements() as u64;
         // Of a scene in pages, at least the visible Gaussians are read.
         let gaussians = if scene.is_paged() { visible } else { scene.len() as u64 };
         let (bounds, key, id) = (16, 4, 4);
         let walk = 8 * visible + 4 * spans; // span ranges and spans
-        let chunk_lists = u64::from(BIN_CHUNKS) * 4 * (bins + 1);
+        let chunk_lists = u64::from(bin_chunks(totals.visible_kept, grid)) * 4 * (bins + 1);
         // Only lists of several runs are merged. The totals have the longest only, so others are left out.
         let merged = if totals.longest_list > BIN_RUN { u64::from(totals.longest_list) } else { 0 };
         vec![

@@ -6,7 +6,9 @@ use crate::gpu::{Buffer, Commands, Device};
 use crate::host_memory::OutOfMemory;
 use crate::render::capacity::{Capacity, length};
 use crate::render::fast::BinGrid;
-use crate::render::shaders::fast::{BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, BLOCKS, MANY_SPLATS, MAX_BIN_CHUNKS, MERGE_RUNS};
+use crate::render::shaders::fast::{
+    BIN_CHUNK, BIN_CHUNKS, BIN_RUN, BIN_SEGMENT, BLOCKS, MANY_SPLATS, MAX_BIN_CHUNKS, MERGE_RUNS,
+};
 use crate::render::shaders::{Bin, FastCounters, FastDispatches, Totals};
 
 /// The buffers of one frame of the fast path, whose cells are bins.
@@ -144,10 +146,9 @@ impl FastWorkspace {
         self.gaussian_from_splat.len() as u32
     }
 
-    /// The most chunks in which the splats that fit are listed: the rule of `glsl/fast/frame.glsl`.
+    /// The most chunks in which the splats that fit are listed.
     pub fn bin_chunks(&self, grid: BinGrid) -> u32 {
-        let splats = self.visible_capacity();
-        if splats < MANY_SPLATS { BIN_CHUNKS } else { (splats / grid.count()).clamp(BIN_CHUNKS, MAX_BIN_CHUNKS) }
+        bin_chunks(self.visible_capacity(), grid)
     }
 
     /// The number of entries that fit.
@@ -201,6 +202,14 @@ impl FastWorkspace {
 /// Frames with at least as many entries merge runs in pairs. One merge of all runs takes fewer dispatches, but its work
 /// grows with the square of their number.
 const PAIRS_FROM: u64 = 4_000_000;
+
+/// The number of chunks of so many splats: the rule of `glsl/fast/frame.glsl`.
+pub fn bin_chunks(splats: u32, grid: BinGrid) -> u32 {
+    match splats < MANY_SPLATS {
+        true => splats.div_ceil(BIN_CHUNK).clamp(1, BIN_CHUNKS),
+        false => (splats / grid.count()).clamp(BIN_CHUNKS, MAX_BIN_CHUNKS),
+    }
+}
 
 /// How often inputs are merged in pairs in a frame with `listed` entries, of which a list has at most `longest_list`; 0
 /// if all runs of a list are merged at once.
