@@ -11,6 +11,8 @@ use std::fmt::Write as _;
 use std::fs;
 use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
 use shaderc::Compiler;
@@ -19,7 +21,7 @@ use shaderc::Compiler;
 mod glsl;
 #[path = "src/gpu/spirv.rs"]
 mod spirv;
-use glsl::Preprocessed;
+use glsl::{Modules, Preprocessed};
 use spirv::{Interface, Kind, Member, Struct, Type, Value};
 
 const SHADER_FOLDER: &str = "glsl";
@@ -34,7 +36,7 @@ fn main() {
 fn run() -> Result<()> {
     println!("cargo::rerun-if-changed={SHADER_FOLDER}");
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
-    let compiler = Compiler::new()?;
+    let mut shaders = all_compiled(&out)?;
     let mut generated = Generated::default();
     for folder in sorted_entries(Path::new(SHADER_FOLDER))? {
         for header in sorted_entries(&folder)?.iter().filter(|path| has_ending(path, "glsl")) {
@@ -57,8 +59,7 @@ fn run() -> Result<()> {
         for source in files.iter().filter(|path| has_ending(path, "comp")) {
             let stem = stem(source)?;
             let place = || source.display().to_string();
-            let preprocessed = glsl::preprocess(&compiler, Path::new(SHADER_FOLDER), source)?;
-            let (named, optimized) = compiled(&compiler, source, &preprocessed, &format!("{module}.{stem}"), &out)?;
+            let Shader { preprocessed, named, optimized } = shaders.remove(source).with_context(place)?;
             let interface = spirv::reflect(&named).with_context(place)?;
             let fingerprint = preprocessed.fingerprint(&interface);
             generated.shader((&module, stem), &interface, &optimized, fingerprint).with_context(place)?;
@@ -84,29 +85,71 @@ fn stem(path: &Path) -> Result<&str> {
     path.file_stem().and_then(|s| s.to_str()).context("a shader's name is not UTF-8")
 }
 
-/// The unoptimized words of a shader and the path of its optimized module, from an earlier build of the same
-/// preprocessed source if there is one.
-fn compiled(
-    compiler: &Compiler,
-    source: &Path,
-    preprocessed: &Preprocessed,
-    name: &str,
-    out: &Path,
-) -> Result<(Vec<u32>, PathBuf)> {
+/// A shader that is compiled.
+struct Shader {
+    preprocessed: Preprocessed,
+    /// The words of the unoptimized module.
+    named: Vec<u32>,
+    /// The path of the optimized module.
+    optimized: PathBuf,
+}
+
+/// Compiles all shaders, on as many threads as Cargo has jobs.
+fn all_compiled(out: &Path) -> Result<BTreeMap<PathBuf, Shader>> {
+    let mut sources = Vec::new();
+    for folder in sorted_entries(Path::new(SHADER_FOLDER))? {
+        sources.extend(sorted_entries(&folder)?.into_iter().filter(|path| has_ending(path, "comp")));
+    }
+    let (jobs, next) = (std::env::var("NUM_JOBS")?.parse::<usize>()?, AtomicUsize::new(0));
+    let work = || {
+        let (compiler, mut shaders) = (Compiler::new()?, Vec::new());
+        while let Some(source) = sources.get(next.fetch_add(1, Ordering::Relaxed)) {
+            shaders.push((source.clone(), compiled(&compiler, source, out)?));
+        }
+        Ok(shaders)
+    };
+    let parts = thread::scope(|threads| {
+        let running: Vec<_> = (0..jobs).map(|_| threads.spawn(work)).collect();
+        running.into_iter().map(|thread| thread.join().expect("the compiler panicked")).collect::<Result<Vec<_>>>()
+    })?;
+    Ok(parts.into_iter().flatten().collect())
+}
+
+/// Compiles a shader, unless there are modules of the same preprocessed source from an earlier build, or from one with
+/// other features.
+fn compiled(compiler: &Compiler, source: &Path, out: &Path) -> Result<Shader> {
+    let preprocessed = glsl::preprocess(compiler, Path::new(SHADER_FOLDER), source)?;
     let mut hasher = DefaultHasher::new();
     (&preprocessed.text, include_str!("src/gpu/glsl.rs")).hash(&mut hasher);
-    let path = |kind: &str| out.join(format!("{name}.{:016x}.{kind}.spv", hasher.finish()));
-    let (named, optimized) = (path("named"), path("optimized"));
+    let module = source.parent().context("a shader lies in no folder")?;
+    let name = format!("{}.{}.{:016x}", stem(module)?, stem(source)?, hasher.finish());
+    let [named, optimized] = ["named", "optimized"].map(|kind| out.join(format!("{name}.{kind}.spv")));
     if !named.exists() || !optimized.exists() {
-        let modules = glsl::compile(compiler, Path::new(SHADER_FOLDER), source)?;
-        for (path, words) in [(&named, &modules.named), (&optimized, &modules.optimized)] {
+        let modules = match found(out, [&named, &optimized]) {
+            Some(modules) => modules,
+            None => {
+                let Modules { named, optimized } = glsl::compile(compiler, Path::new(SHADER_FOLDER), source)?;
+                [named, optimized].map(|words| words.into_iter().flat_map(u32::to_le_bytes).collect())
+            }
+        };
+        for (path, bytes) in [&named, &optimized].into_iter().zip(modules) {
             let unfinished = path.with_extension("part");
-            fs::write(&unfinished, words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<_>>())?;
+            fs::write(&unfinished, bytes)?;
             fs::rename(&unfinished, path)?;
         }
     }
-    let words = fs::read(&named)?.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-    Ok((words, optimized))
+    let named = fs::read(&named)?.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    Ok(Shader { preprocessed, named, optimized })
+}
+
+/// The modules of these file names that a build with other features made: Cargo gives each a folder beside that of
+/// `out`.
+fn found(out: &Path, modules: [&Path; 2]) -> Option<[Vec<u8>; 2]> {
+    let builds = fs::read_dir(out.parent()?.parent()?).ok()?.flatten();
+    builds.into_iter().find_map(|build| {
+        let [named, optimized] = modules.map(|path| fs::read(build.path().join("out").join(path.file_name()?)).ok());
+        Some([named?, optimized?])
+    })
 }
 
 fn write_if_changed(path: &Path, bytes: &[u8]) -> Result<()> {
