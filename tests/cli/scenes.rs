@@ -93,9 +93,11 @@ fn pictures_are_named_after_the_folder_of_a_model_or_a_sog() {
 #[test]
 fn a_level_that_a_scene_lacks_is_wrong_usage() {
     let (ply, lod) = (fixture_text("plush.ply"), fixture_text("lod"));
-    for (scene, level, expected) in
-        [(ply.as_str(), "0", "no levels of detail"), ("cactus:10", "0", "no levels"), (&lod, "7", "only 0, 1")]
-    {
+    for (scene, level, expected) in [
+        (ply.as_str(), "0", "no numbered levels of detail"),
+        ("cactus:10", "0", "no numbered levels"),
+        (&lod, "7", "only 0, 1"),
+    ] {
         let error = fails(2, &["info", scene, "--sog-level", level]);
         assert!(
             error.starts_with(&format!("smalto: --sog-level: {}", scene.trim_end_matches(":10")))

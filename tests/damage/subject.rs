@@ -38,7 +38,7 @@ pub fn read_scene(path: &Path) -> anyhow::Result<Scene> {
     pagefile::read(&Reading::default(), path, &watch)
 }
 
-/// Reads all levels of a streamed SOG.
+/// Reads all levels.
 fn levels(path: &Path) -> Result<(), String> {
     Reading::default().read_levels(path, &Watch::NONE).map(drop).map_err(|error| error.to_string())
 }
@@ -142,6 +142,7 @@ fn scenes(subjects: &mut Subjects) {
     for name in ["plush-default-lod.rad", "plush-clusters-lod.rad", "plush-enc-f16lebytes-r8-s8delta.rad"] {
         subjects.in_folder("rad", name, name, Change::Bytes, scene);
     }
+    subjects.in_folder("rad", "plush-default-lod.rad", "plush-default-lod.rad", Change::Bytes, levels);
     subjects.in_folder("rad", "plush-chunked-lod-0.radc", "plush-chunked-lod.rad", Change::Bytes, scene);
     let kept = subjects.folder.join("kept.smalto");
     ok(&["lod", &fixture("lod").display().to_string(), "--keep-levels", "-o", &kept.display().to_string()]);

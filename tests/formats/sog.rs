@@ -176,7 +176,7 @@ fn a_level_of_a_streamed_sog_can_be_chosen() {
     let refused = |path, number| level(path, number).unwrap_err().to_string();
     assert!(refused("lod", 2).ends_with("there is no level 2 in lod-meta.json, only 0, 1"), "{}", refused("lod", 2));
     for path in ["plush.ply", "plush.sog", "plush.v1", "plush.v1/meta.json", "plush.glb"] {
-        assert!(refused(path, 0).contains("there are no levels of detail"), "{}", refused(path, 0));
+        assert!(refused(path, 0).contains("there are no numbered levels of detail"), "{}", refused(path, 0));
     }
 }
 

@@ -107,7 +107,7 @@ fn memory_and_steps_change_no_estimate() {
 fn estimates_of_few_patches_are_as_far_off_as_they_say() {
     let gpu = Gpu::new();
     let options = Options { lod_error: 100.0, ..Options::BALANCED };
-    let mut renderer = renderer(&gpu.0, &file(40_000), &options);
+    let mut renderer = renderer(&gpu.0, &file(20_000), &options);
     let (mut sum, mut within) = (0.0, 0);
     const VIEWS: u32 = 16;
     for side in 0..VIEWS {
@@ -128,7 +128,7 @@ fn estimates_of_few_patches_are_as_far_off_as_they_say() {
 #[test]
 fn a_psnr_that_is_asked_for_is_kept() {
     let gpu = Gpu::new();
-    let file = file(40_000);
+    let file = file(20_000);
     let camera = view(0, [240, 200]);
     for wanted in [30.0_f32, 38.5, 50.0] {
         let options = Options { lod_psnr: wanted, ..Options::BALANCED };

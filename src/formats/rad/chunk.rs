@@ -295,6 +295,10 @@ impl Columns {
         if alpha > ROUNDED_ONE { (1.0, widening(alpha)) } else { (alpha.min(1.0), 1.0) }
     }
 
+    pub fn mean(&self, index: usize) -> [f32; 3] {
+        [0, 1, 2].map(|k| self.means[k * self.count + index])
+    }
+
     /// The largest standard deviation of a Gaussian, as it is drawn.
     pub fn size(&self, index: usize) -> f32 {
         let scales = [0, 1, 2].map(|k| self.scales[k * self.count + index]);

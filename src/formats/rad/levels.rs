@@ -10,34 +10,37 @@ use rayon::prelude::*;
 use super::read::RadFile;
 use crate::formats::input::Input;
 use crate::formats::{Leaf, Request, SourceLevels};
-use crate::scene::{Builder, NoLevel, Scene};
+use crate::scene::{Builder, Cancelled, NoLevel, Scene};
 
-/// Most Gaussians of the scene that change their level together, as in the leaves of a streamed SOG that `smalto lod`
-/// writes.
-const MOST_LEAVES: u32 = 32_768;
+/// Most Gaussians of the scene that change their level together.
+const MOST_LEAVES: u32 = 8192;
+/// Most of them in one subtree. Subtrees near each other change their level together.
+const MOST_IN_SUBTREE: u32 = 512;
 /// A level has a half of the nodes of the next finer one, or an eighth of this many, which fit into a page.
 const FEW: usize = 1024;
 
-/// Reads the leaves of the tree, and the nodes of coarser levels. A subtree takes the place of the leaf of a streamed
-/// SOG.
+/// Reads the leaves of the tree, and the nodes of coarser levels. Subtrees near each other take the place of the leaf of
+/// a streamed SOG.
 pub(crate) fn read_levels(mut input: Input, request: &Request) -> Result<SourceLevels> {
     let input = &mut input;
     let file = RadFile::open(input, request.path)?;
     ensure!(file.has_tree(), NoLevel::none());
     let (mut chunks, mut children) = (Vec::new(), Vec::new());
     file.chunks(input, |_, chunk, columns| {
+        ensure!(!(request.watch.is_cancelled)(), Cancelled);
         children.extend(chunk.children()?);
         chunks.push(columns);
         Ok(())
     })?;
     let place = |node: u32| (&chunks[node as usize / file.in_chunk], node as usize % file.in_chunk);
-    let size = |node| {
+    let extent = |node| {
         let (columns, index) = place(node);
-        columns.size(index)
+        (columns.mean(index), columns.size(index))
     };
-    let sizes = (0..children.len() as u32).into_par_iter().map(size).collect();
-    let tree = Tree::new(children, sizes)?;
-    let parts: Vec<Vec<Vec<u32>>> = tree.parts(MOST_LEAVES).par_iter().map(|roots| tree.cuts(roots)).collect();
+    let extents = (0..children.len() as u32).into_par_iter().map(extent).collect();
+    let tree = Tree::new(children, extents)?;
+    let parts = tree.parts([MOST_LEAVES, MOST_IN_SUBTREE]);
+    let parts: Vec<Vec<Vec<u32>>> = parts.par_iter().map(|roots| tree.cuts(roots)).collect();
     let of_scene = parts.iter().map(|cuts| cuts[0].len()).sum();
     let all: usize = parts.iter().flatten().map(Vec::len).sum();
     let (mut finest, mut coarser) =
@@ -69,6 +72,7 @@ pub(crate) fn read_levels(mut input: Input, request: &Request) -> Result<SourceL
 /// The tree of the nodes of a file. The first node is the root.
 struct Tree {
     children: Vec<Range<u32>>,
+    means: Vec<[f32; 3]>,
     /// Sizes of nodes, none of which is smaller than what is below it.
     sizes: Vec<f32>,
     /// Number of leaves below each node; 1 of a leaf.
@@ -76,7 +80,9 @@ struct Tree {
 }
 
 impl Tree {
-    fn new(children: Vec<Range<u32>>, mut sizes: Vec<f32>) -> Result<Self> {
+    /// The tree of nodes with these children, and means and sizes.
+    fn new(children: Vec<Range<u32>>, extents: Vec<([f32; 3], f32)>) -> Result<Self> {
+        let (means, mut sizes): (Vec<_>, Vec<_>) = extents.into_iter().unzip();
         // Parents come before their children.
         let (mut order, mut is_found) = (vec![0], vec![false; children.len()]);
         is_found.iter_mut().take(1).for_each(|root| *root = true);
@@ -103,7 +109,7 @@ impl Tree {
             sizes[node] = sizes[below.clone()].iter().copied().fold(sizes[node], f32::max);
             leaves[node] = leaves[below].iter().sum::<u32>().max(1);
         }
-        Ok(Self { children, sizes, leaves })
+        Ok(Self { children, means, sizes, leaves })
     }
 
     fn of(&self, node: u32) -> Range<u32> {
@@ -121,24 +127,45 @@ impl Tree {
         }
     }
 
-    /// The roots of subtrees that hold all leaves, in parts with at most `most` leaves each. A part is a run of a walk
-    /// through the tree, so that its leaves lie near each other.
-    fn parts(&self, most: u32) -> Vec<Vec<u32>> {
-        let (mut parts, mut left) = (Vec::<Vec<u32>>::new(), 0);
+    /// The roots of subtrees that hold all leaves: a part has at most `most` leaves, a subtree at most `most_in_subtree`.
+    fn parts(&self, [most, most_in_subtree]: [u32; 2]) -> Vec<Vec<u32>> {
+        let mut roots = Vec::new();
         self.walk(&[0], |node| {
-            let leaves = self.leaves[node as usize];
-            if leaves > most {
-                return true;
-            }
-            if leaves > left {
-                parts.push(Vec::new());
-                left = most;
-            }
-            left -= leaves;
-            parts.last_mut().expect("a part").push(node);
-            false
+            let is_large = self.leaves[node as usize] > most_in_subtree;
+            roots.extend((!is_large).then_some(node));
+            is_large
         });
+        let (mut parts, mut to_split) = (Vec::new(), vec![roots]);
+        while let Some(roots) = to_split.pop() {
+            match self.halves(roots, most) {
+                Ok(halves) => to_split.extend(halves),
+                Err(part) => parts.push(part),
+            }
+        }
         parts
+    }
+
+    /// Halves with as many leaves each, cut across the longest side of the box of the means; subtrees of at most `most`
+    /// leaves as they are.
+    fn halves(&self, mut roots: Vec<u32>, most: u32) -> Result<[Vec<u32>; 2], Vec<u32>> {
+        let leaves = |root: &u32| self.leaves[*root as usize];
+        let all: u32 = roots.iter().map(leaves).sum();
+        if all <= most || roots.len() < 2 {
+            return Err(roots);
+        }
+        let along = |axis: usize| roots.iter().map(move |root| self.means[*root as usize][axis]);
+        let side = |axis: &usize| along(*axis).fold(f32::MIN, f32::max) - along(*axis).fold(f32::MAX, f32::min);
+        let longest = (0..3).max_by(|a, b| side(a).total_cmp(&side(b))).expect("three axes");
+        let at = |root: &u32| self.means[*root as usize][longest];
+        roots.sort_by(|a, b| at(a).total_cmp(&at(b)));
+        let mut before = 0;
+        let is_half = |root: &u32| {
+            before += leaves(root);
+            before >= all.div_ceil(2)
+        };
+        let half = roots.iter().position(is_half).map_or(1, |last| last + 1).min(roots.len() - 1);
+        let others = roots.split_off(half);
+        Ok([others, roots])
     }
 
     /// The levels of a part, the finest first: the leaves, then nodes that stand for them. The smallest nodes are
@@ -180,10 +207,12 @@ impl Tree {
 mod tests {
     use super::*;
 
-    /// A root with two children, which have three leaves and four.
+    /// A root with two children, which have three leaves and four. Their means are their numbers.
     fn tree() -> Tree {
         let children = vec![1..3, 3..6, 6..10, 0..0, 0..0, 0..0, 0..0, 0..0, 0..0, 0..0];
-        Tree::new(children, vec![1.0, 2.0, 3.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0]).unwrap()
+        let sizes = [1.0, 2.0, 3.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 4.0];
+        Tree::new(children, sizes.into_iter().enumerate().map(|(i, size)| ([0.0, i as f32, 0.0], size)).collect())
+            .unwrap()
     }
 
     #[test]
@@ -194,10 +223,12 @@ mod tests {
 
     #[test]
     fn parts_have_all_leaves() {
-        assert_eq!(tree().parts(7), [vec![0]]);
-        assert_eq!(tree().parts(6), [vec![1], vec![2]]);
-        assert_eq!(tree().parts(3), [vec![1], vec![6, 7, 8], vec![9]]);
-        assert_eq!(tree().parts(2), [vec![3, 4], vec![5, 6], vec![7, 8], vec![9]]);
+        assert_eq!(tree().parts([7, 7]), [vec![0]]);
+        assert_eq!(tree().parts([7, 4]), [vec![1, 2]]);
+        assert_eq!(tree().parts([6, 4]), [vec![1], vec![2]]);
+        assert_eq!(tree().parts([4, 3]), [vec![1, 6], vec![7, 8, 9]]);
+        assert_eq!(tree().parts([2, 1]), [vec![3, 4], vec![5, 6], vec![7, 8], vec![9]]);
+        assert_eq!(tree().parts([1, 4]), [vec![1], vec![2]]);
     }
 
     #[test]
@@ -207,21 +238,21 @@ mod tests {
         // 2000 leaves, the first of which have smaller parents.
         let pairs = (0..1000).map(|i| 1001 + 2 * i..1003 + 2 * i);
         let children = std::iter::once(1..1001).chain(pairs).chain(vec![0..0; 2000]).collect();
-        let sizes = (0..3001).map(|i| i as f32).collect();
-        let cuts = Tree::new(children, sizes).unwrap().cuts(&[0]);
+        let extents = (0..3001).map(|i| ([0.0; 3], i as f32)).collect();
+        let cuts = Tree::new(children, extents).unwrap().cuts(&[0]);
         assert_eq!(cuts.iter().map(Vec::len).collect::<Vec<_>>(), [2000, 1000, 1]);
         let children = std::iter::once(1..1501).chain((0..1500).map(|i| 1501 + 2 * i..1503 + 2 * i));
         let children: Vec<Range<u32>> = children.chain(vec![0..0; 3000]).collect();
-        let sizes = vec![0.0; children.len()];
-        let tree = Tree::new(children, sizes).unwrap();
+        let extents = vec![([0.0; 3], 0.0); children.len()];
+        let tree = Tree::new(children, extents).unwrap();
         assert_eq!(tree.cuts(&[0]).iter().map(Vec::len).collect::<Vec<_>>(), [3000, 1500, 1]);
     }
 
     #[test]
     fn what_is_no_tree_is_refused() {
         let refused = |children: Vec<Range<u32>>| {
-            let sizes = vec![1.0; children.len()];
-            Tree::new(children, sizes).err().unwrap().to_string()
+            let extents = vec![([0.0; 3], 1.0); children.len()];
+            Tree::new(children, extents).err().unwrap().to_string()
         };
         assert_eq!(refused(vec![1..3, 0..0, 1..2]), "its tree names node 1 of 3 twice");
         assert_eq!(refused(vec![0..1]), "its tree names node 0 of 1 twice");
