@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 use std::collections::hash_map::DefaultHasher;
+use std::ffi::OsString;
 use std::fmt::Write as _;
 use std::fs;
 use std::hash::{Hash, Hasher};
@@ -25,6 +26,8 @@ use glsl::{Modules, Preprocessed};
 use spirv::{Interface, Kind, Member, Struct, Type, Value};
 
 const SHADER_FOLDER: &str = "glsl";
+/// The first bytes of a module.
+const SPIRV_MAGIC: [u8; 4] = 0x0723_0203_u32.to_le_bytes();
 
 fn main() {
     if let Err(error) = run() {
@@ -109,7 +112,7 @@ fn all_compiled(out: &Path) -> Result<BTreeMap<PathBuf, Shader>> {
         Ok(shaders)
     };
     let parts = thread::scope(|threads| {
-        let running: Vec<_> = (0..jobs).map(|_| threads.spawn(work)).collect();
+        let running: Vec<_> = (0..jobs.min(sources.len())).map(|_| threads.spawn(work)).collect();
         running.into_iter().map(|thread| thread.join().expect("the compiler panicked")).collect::<Result<Vec<_>>>()
     })?;
     Ok(parts.into_iter().flatten().collect())
@@ -120,7 +123,7 @@ fn all_compiled(out: &Path) -> Result<BTreeMap<PathBuf, Shader>> {
 fn compiled(compiler: &Compiler, source: &Path, out: &Path) -> Result<Shader> {
     let preprocessed = glsl::preprocess(compiler, Path::new(SHADER_FOLDER), source)?;
     let mut hasher = DefaultHasher::new();
-    (&preprocessed.text, include_str!("src/gpu/glsl.rs")).hash(&mut hasher);
+    (&preprocessed.text, include_str!("src/gpu/glsl.rs"), compiler_versions()).hash(&mut hasher);
     let module = source.parent().context("a shader lies in no folder")?;
     let name = format!("{}.{}.{:016x}", stem(module)?, stem(source)?, hasher.finish());
     let [named, optimized] = ["named", "optimized"].map(|kind| out.join(format!("{name}.{kind}.spv")));
@@ -142,12 +145,22 @@ fn compiled(compiler: &Compiler, source: &Path, out: &Path) -> Result<Shader> {
     Ok(Shader { preprocessed, named, optimized })
 }
 
+/// What tells one version of shaderc from another: its entries in Cargo.lock, and whose library is linked.
+fn compiler_versions() -> (Vec<String>, [Option<OsString>; 2]) {
+    let lock = fs::read_to_string("Cargo.lock").unwrap_or_default();
+    let packages = lock.split("[[package]]").filter(|package| package.contains("name = \"shaderc"));
+    let variables = ["CARGO_FEATURE_BUILD_SHADERC", "SHADERC_LIB_DIR"].map(std::env::var_os);
+    (packages.map(str::to_owned).collect(), variables)
+}
+
 /// The modules of these file names that a build with other features made: Cargo gives each a folder beside that of
 /// `out`.
 fn found(out: &Path, modules: [&Path; 2]) -> Option<[Vec<u8>; 2]> {
     let builds = fs::read_dir(out.parent()?.parent()?).ok()?.flatten();
     builds.into_iter().find_map(|build| {
-        let [named, optimized] = modules.map(|path| fs::read(build.path().join("out").join(path.file_name()?)).ok());
+        let read = |path: &Path| fs::read(build.path().join("out").join(path.file_name()?)).ok();
+        let is_whole = |bytes: &Vec<u8>| bytes.starts_with(&SPIRV_MAGIC) && bytes.len().is_multiple_of(4);
+        let [named, optimized] = modules.map(|path| read(path).filter(is_whole));
         Some([named?, optimized?])
     })
 }

@@ -8,8 +8,8 @@ const uint BLOCK_WIDTH = 8;      // px; blocks are 4, 8 or 16 px high
 const uint NOT_STOPPED = 4294967295;  // in place of a depth key: a pixel of the block has not stopped
 const uint MAX_BINS = 7200;      // bins in a picture at most: their counts fit into 32 KiB of workgroup memory
 const uint PROJECT_CHUNK = 384;  // Gaussians that one workgroup of project takes
-const uint BIN_CHUNK = 1024;     // splats in a chunk, as many as lanes of list, if there are few of them
-const uint BIN_CHUNKS = 264;     // chunks of more splats than that; each is listed by one workgroup of list
+const uint BIN_CHUNK = 1024;     // most splats in a chunk while there are fewer than BIN_CHUNKS: one for a lane of list
+const uint BIN_CHUNKS = 264;     // chunks of up to MANY_SPLATS; each is listed by one workgroup of list
 const uint MAX_BIN_CHUNKS = 2048;  // four for each lane of sort
 const uint MANY_SPLATS = 2500000;  // splats from which on there are more chunks than BIN_CHUNKS
 const uint BIN_RUN = 2048;       // entries that one workgroup of sort sorts
@@ -47,6 +47,7 @@ struct FastDispatches {
 // The number of chunks of `splats`. All workgroups of list that run at the same time write all over their regions. If
 // these do not fit into the cache of the GPU, parts of its lines go to memory one by one, so regions are smaller where
 // there are many splats. As sort reads every chunk list by itself, there are at most as many lists as splats.
+// Few splats have fewer chunks: a workgroup of list takes time without splats, too, and sort searches all chunk lists.
 uint bin_chunks(uint splats, uint bins) {
     if (splats < MANY_SPLATS) return clamp((splats + BIN_CHUNK - 1) / BIN_CHUNK, 1, BIN_CHUNKS);
     return clamp(splats / bins, BIN_CHUNKS, MAX_BIN_CHUNKS);

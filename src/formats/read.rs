@@ -57,7 +57,7 @@ impl Reading {
             let mut input = Input::placed(path, watch, self.placement())?;
             let format = detect(&mut input, path)?;
             let Some(Reader::Levels { read_all, .. }) = format.map(|format| &format.reader) else {
-                bail!(NoLevel::none());
+                bail!(NoLevel::no_levels());
             };
             let SourceLevels { scene, coarser, leaves } = read_all(input, &Request { path, level: None, watch })?;
             check_drawable(&scene.report)?;

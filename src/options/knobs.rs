@@ -249,8 +249,8 @@ pub static KNOBS: [Knob; 18] = [
         name: "lod-error",
         value_name: "ERROR",
         help: "Error that one merged node may make: 100 is coarse, 1 is fine\n\nThe sum over its pixels of the change \
-               in 8-bit steps. For page files with levels, a lod-meta.json or a .rad [default: 0, everything is \
-               drawn].",
+               in 8-bit steps. For page files with levels, a lod-meta.json or a .rad with a tree [default: 0, \
+               everything is drawn].",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 1e6], usual: [0.0, 64.0], is_fraction: false },
         steps: &[Value::Number(0.0)],
@@ -265,7 +265,7 @@ pub static KNOBS: [Knob; 18] = [
         help: "Draw the fewest Gaussians that keep a PSNR of DB\n\nThe PSNR to the picture of all Gaussians is \
                estimated from 64 or more patches of 64x64 pixels, and kept with one standard error to spare. `view` \
                keeps it at rest. In place of --lod-error, for page files with levels, a lod-meta.json or a .rad \
-               [default: 0, no limit].",
+               with a tree [default: 0, no limit].",
         group: Group::Accuracy,
         kind: Kind::Number { range: [0.0, 100.0], usual: [0.0, 60.0], is_fraction: false },
         steps: &[Value::Number(0.0)],
@@ -278,7 +278,8 @@ pub static KNOBS: [Knob; 18] = [
         name: "splats",
         value_name: "COUNT",
         help: "Draw about COUNT Gaussians at most, like 60K or 3M\n\nThe Gaussians whose merging changes the picture \
-               least are merged first. For page files with levels, a lod-meta.json or a .rad [default: 0, no limit].",
+               least are merged first. For page files with levels, a lod-meta.json or a .rad with a tree \
+               [default: 0, no limit].",
         group: Group::Accuracy,
         kind: Kind::Count([0, u32::MAX]),
         steps: &[Value::Count(0)],

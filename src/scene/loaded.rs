@@ -180,9 +180,14 @@ pub struct NoLevel {
 }
 
 impl NoLevel {
-    /// The error for a scene without levels. The reader of the file adds its path.
+    /// The error for a scene without numbered levels. The reader of the file adds its path.
     pub fn none() -> Self {
         Self::of("there are no numbered levels of detail; only a lod-meta.json has them".to_owned())
+    }
+
+    /// The error for a scene all of whose levels are asked for. The reader of the file adds its path.
+    pub(crate) fn no_levels() -> Self {
+        Self::of("there are no levels of detail; only a lod-meta.json or a .rad with a tree has them".to_owned())
     }
 
     /// The error with the path of the file.

@@ -66,7 +66,7 @@ fn each_level_of_a_rad_stands_for_all_leaves() {
         let (file, nodes) = (PageFile::open(Path::new(&out)).unwrap(), Nodes::read(name));
         let mut counts = Vec::new();
         for (page, lod) in file.levels().unwrap().iter().enumerate() {
-            let found = nodes_of(&file, &[page..page + 1]).unwrap();
+            let found = nodes_of(&file, std::slice::from_ref(&(page..page + 1))).unwrap();
             let level: Vec<usize> = (0..found.len()).map(|i| nodes.find(&found, i)).collect();
             assert_eq!(nodes.on_ways(&level), [1; 61], "{name}, level {}", lod.level);
             counts.push(level.len());

@@ -201,7 +201,8 @@ fn the_order_by_distance_stays_as_the_camera_turns() {
 /// Without a clamp an alpha may be 1: the splat that makes a pixel opaque is drawn, whatever lies in front of it.
 #[test]
 fn a_splat_of_alpha_one_is_drawn_and_hides_all_behind_it() {
-    // Whether a product of roundings is above 1 depends on the threshold. Each number of layers is drawn with three.
+    // Whether a product of roundings is above 1 depends on the threshold. Each number of layers is drawn with three of
+    // the thresholds.
     let thresholds = [1.0 / 255.0, 1.0 / 192.0, 1.0 / 100.0, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6];
     for (layers, alpha_min) in (0..8_u8).flat_map(|i| [0, 1, 4].map(|k| (i, thresholds[usize::from(i + k) % 8]))) {
         let rules = Rules { alpha_min, alpha_max: 1.0, transmittance_min: 0.0, ..Rules::TRAINED };

@@ -51,10 +51,10 @@ pub(in crate::cli) struct Args {
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "level")]
     #[arg(value_parser = whole::<u32>(1..=u64::from(u32::MAX)))]
     splats: Option<u32>,
-    /// Keep the levels of a lod-meta.json or a .rad, and make no new ones
+    /// Keep the levels of a lod-meta.json or a .rad with a tree
     ///
-    /// Each part of the scene is drawn at one of its levels, as a whole, so new levels are better. The errors of the
-    /// levels are measured. The whole scene must fit into host memory.
+    /// New levels, which are not made then, are better: each part of the scene is drawn at one of its levels, as a
+    /// whole. The errors of the levels are measured. The whole scene must fit into host memory.
     #[arg(long, help_heading = OUTPUT, conflicts_with_all = ["lod", "host_memory"])]
     keep_levels: bool,
     /// Format of the level [default: by the name of the file]

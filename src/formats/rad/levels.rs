@@ -1,5 +1,5 @@
-//! All levels of a `.rad` with a tree: subtrees of some thousand Gaussians of the scene, each cut at several sizes of
-//! nodes.
+//! All levels of a `.rad` with a tree: parts of the tree with some thousand Gaussians of the scene, each at several
+//! levels.
 
 use std::collections::HashSet;
 use std::ops::Range;
@@ -10,24 +10,27 @@ use rayon::prelude::*;
 use super::read::RadFile;
 use crate::formats::input::Input;
 use crate::formats::{Leaf, Request, SourceLevels};
+use crate::host_memory::host_vec;
 use crate::scene::{Builder, Cancelled, NoLevel, Scene};
 
 /// Most Gaussians of the scene that change their level together.
 const MOST_LEAVES: u32 = 8192;
 /// Most of them in one subtree. Subtrees near each other change their level together.
 const MOST_IN_SUBTREE: u32 = 512;
-/// A level has a half of the nodes of the next finer one, or an eighth of this many, which fit into a page.
+/// A level of more nodes is followed by one of half as many, the others by one of an eighth: so many fit into a page.
 const FEW: usize = 1024;
 
-/// Reads the leaves of the tree, and the nodes of coarser levels. Subtrees near each other take the place of the leaf of
-/// a streamed SOG.
+/// Reads the leaves of the tree, and the nodes of coarser levels. A part of the tree, subtrees near each other, takes
+/// the place of a leaf of a streamed SOG.
 pub(crate) fn read_levels(mut input: Input, request: &Request) -> Result<SourceLevels> {
     let input = &mut input;
     let file = RadFile::open(input, request.path)?;
-    ensure!(file.has_tree(), NoLevel::none());
-    let (mut chunks, mut children) = (Vec::new(), Vec::new());
+    ensure!(file.has_tree(), NoLevel::no_levels());
+    ensure!(u32::try_from(file.count).is_ok(), "{} nodes are not supported", file.count);
+    let go_on = || if (request.watch.is_cancelled)() { Err(Cancelled) } else { Ok(()) };
+    let (mut chunks, mut children) = (Vec::new(), host_vec(file.count, "the tree")?);
     file.chunks(input, |_, chunk, columns| {
-        ensure!(!(request.watch.is_cancelled)(), Cancelled);
+        go_on()?;
         children.extend(chunk.children()?);
         chunks.push(columns);
         Ok(())
@@ -39,6 +42,7 @@ pub(crate) fn read_levels(mut input: Input, request: &Request) -> Result<SourceL
     };
     let extents = (0..children.len() as u32).into_par_iter().map(extent).collect();
     let tree = Tree::new(children, extents)?;
+    go_on()?;
     let parts = tree.parts([MOST_LEAVES, MOST_IN_SUBTREE]);
     let parts: Vec<Vec<Vec<u32>>> = parts.par_iter().map(|roots| tree.cuts(roots)).collect();
     let of_scene = parts.iter().map(|cuts| cuts[0].len()).sum();
@@ -55,6 +59,7 @@ pub(crate) fn read_levels(mut input: Input, request: &Request) -> Result<SourceL
     };
     let mut leaves = Vec::new();
     for cuts in &parts {
+        go_on()?;
         let own = add(&mut finest, &cuts[0]);
         // Nothing stands for Gaussians that cannot be drawn.
         if !own.is_empty() {
@@ -83,9 +88,10 @@ impl Tree {
     /// The tree of nodes with these children, and means and sizes.
     fn new(children: Vec<Range<u32>>, extents: Vec<([f32; 3], f32)>) -> Result<Self> {
         let (means, mut sizes): (Vec<_>, Vec<_>) = extents.into_iter().unzip();
+        ensure!(!children.is_empty(), "its tree has no nodes");
         // Parents come before their children.
         let (mut order, mut is_found) = (vec![0], vec![false; children.len()]);
-        is_found.iter_mut().take(1).for_each(|root| *root = true);
+        is_found[0] = true;
         let mut next = 0;
         while let Some(of_node) = order.get(next).and_then(|node| children.get(*node as usize)) {
             for child in of_node.clone() {
@@ -116,8 +122,8 @@ impl Tree {
         self.children[node as usize].clone()
     }
 
-    /// Visits the nodes of the subtrees of these roots, parents before their children, which are left out where `visit`
-    /// returns false.
+    /// Visits the nodes of the subtrees of these roots, parents first. The children of a node are visited only if
+    /// `visit` returns true for it.
     fn walk(&self, roots: &[u32], mut visit: impl FnMut(u32) -> bool) {
         let mut to_visit: Vec<u32> = roots.iter().rev().copied().collect();
         while let Some(node) = to_visit.pop() {
@@ -127,7 +133,8 @@ impl Tree {
         }
     }
 
-    /// The roots of subtrees that hold all leaves: a part has at most `most` leaves, a subtree at most `most_in_subtree`.
+    /// The roots of subtrees that hold all leaves, part by part: a part has at most `most` leaves, a subtree at most
+    /// `most_in_subtree`.
     fn parts(&self, [most, most_in_subtree]: [u32; 2]) -> Vec<Vec<u32>> {
         let mut roots = Vec::new();
         self.walk(&[0], |node| {
@@ -137,22 +144,23 @@ impl Tree {
         });
         let (mut parts, mut to_split) = (Vec::new(), vec![roots]);
         while let Some(roots) = to_split.pop() {
-            match self.halves(roots, most) {
-                Ok(halves) => to_split.extend(halves),
-                Err(part) => parts.push(part),
+            if roots.len() > 1 && self.leaves_of(&roots) > most {
+                to_split.extend(self.halves(roots));
+            } else {
+                parts.push(roots);
             }
         }
         parts
     }
 
-    /// Halves with as many leaves each, cut across the longest side of the box of the means; subtrees of at most `most`
-    /// leaves as they are.
-    fn halves(&self, mut roots: Vec<u32>, most: u32) -> Result<[Vec<u32>; 2], Vec<u32>> {
-        let leaves = |root: &u32| self.leaves[*root as usize];
-        let all: u32 = roots.iter().map(leaves).sum();
-        if all <= most || roots.len() < 2 {
-            return Err(roots);
-        }
+    /// The number of leaves below these nodes.
+    fn leaves_of(&self, roots: &[u32]) -> u32 {
+        roots.iter().map(|root| self.leaves[*root as usize]).sum()
+    }
+
+    /// Halves of several subtrees with about as many leaves each, cut across the longest side of the box of the means.
+    fn halves(&self, mut roots: Vec<u32>) -> [Vec<u32>; 2] {
+        let all = self.leaves_of(&roots);
         let along = |axis: usize| roots.iter().map(move |root| self.means[*root as usize][axis]);
         let side = |axis: &usize| along(*axis).fold(f32::MIN, f32::max) - along(*axis).fold(f32::MAX, f32::min);
         let longest = (0..3).max_by(|a, b| side(a).total_cmp(&side(b))).expect("three axes");
@@ -160,12 +168,12 @@ impl Tree {
         roots.sort_by(|a, b| at(a).total_cmp(&at(b)));
         let mut before = 0;
         let is_half = |root: &u32| {
-            before += leaves(root);
+            before += self.leaves[*root as usize];
             before >= all.div_ceil(2)
         };
         let half = roots.iter().position(is_half).map_or(1, |last| last + 1).min(roots.len() - 1);
         let others = roots.split_off(half);
-        Ok([others, roots])
+        [others, roots]
     }
 
     /// The levels of a part, the finest first: the leaves, then nodes that stand for them. The smallest nodes are
@@ -192,12 +200,14 @@ impl Tree {
         let mut cuts = vec![cut(&drawn)];
         let (mut count, mut inner) = (cuts[0].len(), inner.into_iter().peekable());
         while inner.peek().is_some() {
-            let most = if count > FEW { count / 2 } else { count / 8 };
+            let (finer, most) = (count, if count > FEW { count / 2 } else { count / 8 });
             while let Some(node) = inner.next_if(|_| count > most) {
                 count -= self.of(node).len() - 1;
                 drawn.insert(node);
             }
-            cuts.push(cut(&drawn));
+            if count <= finer / 2 {
+                cuts.push(cut(&drawn));
+            }
         }
         cuts
     }
@@ -254,8 +264,9 @@ mod tests {
             let extents = vec![([0.0; 3], 1.0); children.len()];
             Tree::new(children, extents).err().unwrap().to_string()
         };
+        assert_eq!(refused(Vec::new()), "its tree has no nodes");
         assert_eq!(refused(vec![1..3, 0..0, 1..2]), "its tree names node 1 of 3 twice");
-        assert_eq!(refused(vec![0..1]), "its tree names node 0 of 1 twice");
+        assert_eq!(refused(vec![0..1; 1]), "its tree names node 0 of 1 twice");
         assert_eq!(refused(vec![1..3, 0..0]), "its tree names node 2, and there are 2");
         assert_eq!(refused(vec![1..2, 0..0, 0..0]), "1 of its 3 nodes are not in its tree");
     }

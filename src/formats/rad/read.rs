@@ -49,7 +49,7 @@ pub struct RadFile<'p> {
     pub degree: u32,
     /// Gaussians of each chunk but the last, which may have fewer.
     pub in_chunk: usize,
-    capacity: usize,
+    pub count: usize,
 }
 
 impl<'p> RadFile<'p> {
@@ -68,8 +68,8 @@ impl<'p> RadFile<'p> {
         for name in meta.chunks.iter().filter_map(|place| place.filename.as_ref()) {
             available = available.saturating_add(chunk_file(folder, name)?.len());
         }
-        let capacity = checked_count(*count, LEAST_BYTES, available.saturating_mul(MOST_RATIO), "Gaussians")?;
-        Ok(Self { folder, begin, degree, in_chunk: usize::try_from(each)?, capacity, meta })
+        let nodes = checked_count(*count, LEAST_BYTES, available.saturating_mul(MOST_RATIO), "Gaussians")?;
+        Ok(Self { folder, begin, degree, in_chunk: usize::try_from(each)?, count: nodes, meta })
     }
 
     pub fn has_tree(&self) -> bool {
@@ -129,10 +129,11 @@ fn chunk_file(folder: &Path, name: &str) -> Result<Input<'static>> {
 
 /// Reads the Gaussians of the scene.
 pub(crate) fn read(mut input: Input, request: &Request) -> Result<Scene> {
+    // Levels of a tree have no numbers.
     ensure!(request.level.is_none(), NoLevel::none());
     let input = &mut input;
     let file = RadFile::open(input, request.path)?;
-    let mut builder = input.builder(file.degree, file.capacity)?;
+    let mut builder = input.builder(file.degree, file.count)?;
     file.chunks(input, |input, chunk, columns| {
         input.before_block(&builder)?;
         if file.has_tree() {

@@ -66,7 +66,7 @@ pub(crate) fn read_all_levels(input: Input, request: &Request) -> Result<SourceL
     let quiet = Watch { progress: &|_| {}, ..*watch };
     let mut input = input.watched_by(&quiet);
     let (json, keys) = json_of(&mut input)?;
-    ensure!(keys.tree.is_some(), NoLevel::none());
+    ensure!(keys.tree.is_some(), NoLevel::no_levels());
     read_streamed::read_levels(&mut input, &json, path.parent().unwrap_or(Path::new(".")), watch)
 }
 

@@ -36,7 +36,7 @@ impl Viewer {
     }
 
     /// True if edits are requested that were not made yet.
-    pub fn has_requested_edits(&self) -> bool {
+    fn has_requested_edits(&self) -> bool {
         self.has_running_edits() || self.requests.iter().any(Request::is_edit)
     }
 

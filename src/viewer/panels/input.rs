@@ -55,8 +55,9 @@ pub fn handle(viewer: &mut Viewer, ui: &mut Ui, seconds: f64) -> Vec<Input> {
     }
     let is_moving =
         viewer.view.is_flying || viewer.view.navigator.is_gliding() || viewer.film.is_playing || is_scrolling;
-    // The second pass of a layout can come between the end of a stroke and its last edit.
-    if !(is_moving || is_pressed || viewer.pointer.drag.is_some() || viewer.has_requested_edits()) {
+    // A second pass of the layout comes between the end of a stroke and its last edit.
+    let is_first_pass = ui.ctx().current_pass_index() == 0;
+    if is_first_pass && !(is_moving || is_pressed || viewer.pointer.drag.is_some()) {
         viewer.record_undo_step();
     }
     events
