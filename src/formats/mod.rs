@@ -74,8 +74,8 @@ pub(crate) enum Recognition {
 pub(crate) enum Reader {
     /// A reader of this module. It has a `BlockReader` if some files can be read without holding the whole scene.
     Scene { read: fn(Input, &Request) -> Result<Scene>, blocks: Option<BlockReader> },
-    /// A reader of scenes that may have several levels of detail: of one level, and of all, for which the request has no
-    /// level.
+    /// A reader of scenes that may have several levels of detail: of one level, and of all, for which no level is
+    /// requested.
     Levels { read: fn(Input, &Request) -> Result<Scene>, read_all: fn(Input, &Request) -> Result<SourceLevels> },
     /// Page files are read by the module `pagefile`.
     Pages,
