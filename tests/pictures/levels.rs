@@ -107,7 +107,7 @@ fn memory_and_steps_change_no_estimate() {
 fn estimates_of_few_patches_are_as_far_off_as_they_say() {
     let gpu = Gpu::new();
     let options = Options { lod_error: 100.0, ..Options::BALANCED };
-    let mut renderer = renderer(&gpu.0, &file(20_000), &options);
+    let mut renderer = renderer(&gpu.0, &file(40_000), &options);
     let (mut sum, mut within) = (0.0, 0);
     const VIEWS: u32 = 16;
     for side in 0..VIEWS {
