@@ -103,11 +103,12 @@ fn all_compiled(out: &Path) -> Result<BTreeMap<PathBuf, Shader>> {
     for folder in sorted_entries(Path::new(SHADER_FOLDER))? {
         sources.extend(sorted_entries(&folder)?.into_iter().filter(|path| has_ending(path, "comp")));
     }
+    let versions = compiler_versions();
     let (jobs, next) = (std::env::var("NUM_JOBS")?.parse::<usize>()?, AtomicUsize::new(0));
     let work = || {
         let (compiler, mut shaders) = (Compiler::new()?, Vec::new());
         while let Some(source) = sources.get(next.fetch_add(1, Ordering::Relaxed)) {
-            shaders.push((source.clone(), compiled(&compiler, source, out)?));
+            shaders.push((source.clone(), compiled(&compiler, source, &versions, out)?));
         }
         Ok(shaders)
     };
@@ -120,10 +121,10 @@ fn all_compiled(out: &Path) -> Result<BTreeMap<PathBuf, Shader>> {
 
 /// Compiles a shader, unless there are modules of the same preprocessed source from an earlier build, or from one with
 /// other features.
-fn compiled(compiler: &Compiler, source: &Path, out: &Path) -> Result<Shader> {
+fn compiled(compiler: &Compiler, source: &Path, versions: &impl Hash, out: &Path) -> Result<Shader> {
     let preprocessed = glsl::preprocess(compiler, Path::new(SHADER_FOLDER), source)?;
     let mut hasher = DefaultHasher::new();
-    (&preprocessed.text, include_str!("src/gpu/glsl.rs"), compiler_versions()).hash(&mut hasher);
+    (&preprocessed.text, include_str!("src/gpu/glsl.rs"), versions).hash(&mut hasher);
     let module = source.parent().context("a shader lies in no folder")?;
     let name = format!("{}.{}.{:016x}", stem(module)?, stem(source)?, hasher.finish());
     let [named, optimized] = ["named", "optimized"].map(|kind| out.join(format!("{name}.{kind}.spv")));

@@ -27,8 +27,8 @@ impl Drawable {
         }
     }
 
-    /// The scene, if it is a page file and is drawn as it is; `wants_levels`: also a file with levels
-    /// of its own, which are measured and written to a temporary file.
+    /// The scene, if it is a page file and is drawn as it is; `wants_levels`: also if its file has levels of its own,
+    /// which are measured and written to a temporary file.
     pub fn in_pages(scene: &SceneArg, wants_levels: bool) -> Result<Option<Self>> {
         let file = match scene.page_file()? {
             None if wants_levels => scene.source_levels()?,

@@ -267,8 +267,7 @@ pub struct Columns {
 impl Columns {
     /// A Gaussian, whose spherical harmonics are written to `sh`.
     pub fn gaussian(&self, index: usize, sh: &mut [[f32; 3]]) -> Activated {
-        let of = |planes: &[f32]| [0, 1, 2].map(|k| planes[k * self.count + index]);
-        sh[0] = of(&self.colours).map(|value| ((f64::from(value) - 0.5) / harmonics::C0) as f32);
+        sh[0] = self.three(&self.colours, index).map(|value| ((f64::from(value) - 0.5) / harmonics::C0) as f32);
         let (planes, place) = match &self.labels {
             Some(labels) => (&self.codes[..], labels[index] as usize),
             None => (&self.sh[..], index),
@@ -282,8 +281,8 @@ impl Columns {
         }
         let (opacity, wider) = self.shape(index);
         Activated {
-            mean: of(&self.means).map(f64::from),
-            scale: of(&self.scales).map(|scale| wider * f64::from(scale)),
+            mean: self.mean(index).map(f64::from),
+            scale: self.three(&self.scales, index).map(|scale| wider * f64::from(scale)),
             rotation: self.rotations[index],
             opacity,
         }
@@ -296,13 +295,17 @@ impl Columns {
     }
 
     pub fn mean(&self, index: usize) -> [f32; 3] {
-        [0, 1, 2].map(|k| self.means[k * self.count + index])
+        self.three(&self.means, index)
     }
 
     /// The largest standard deviation of a Gaussian, as it is drawn.
     pub fn size(&self, index: usize) -> f32 {
-        let scales = [0, 1, 2].map(|k| self.scales[k * self.count + index]);
-        self.shape(index).1 as f32 * scales.into_iter().fold(0.0, f32::max)
+        self.shape(index).1 as f32 * self.three(&self.scales, index).into_iter().fold(0.0, f32::max)
+    }
+
+    /// The values of a Gaussian in three planes.
+    fn three(&self, planes: &[f32], index: usize) -> [f32; 3] {
+        [0, 1, 2].map(|k| planes[k * self.count + index])
     }
 }
 
