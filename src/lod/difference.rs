@@ -85,7 +85,7 @@ mod tests {
     fn errors_hold_in_other_directions() {
         let scene = cactus::cactus(60_000).unwrap().gaussians;
         let children = Nodes::of(&scene, along_curve(scene.means())[..4096].iter().map(|index| *index as usize));
-        let found = simplify(&children, 2048, 0.0);
+        let found = simplify(&children, 2048, 0.0, 0);
         let predicted: f64 = found.nodes.nodes.iter().map(|node| f64::from(node.squared_error)).sum();
         let corners = [[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(DVec3::from);
         let px = f64::from(found.reference_width);

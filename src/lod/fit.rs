@@ -2,6 +2,7 @@
 
 use multiversion::multiversion;
 
+use super::descent::descend;
 use super::difference::Difference;
 use super::node::{Node, Nodes};
 use super::raster::{Drawing, LANES, Picture, Splats, Window, directions};
@@ -30,7 +31,7 @@ pub struct Residual {
 
 /// Pictures of a group in one direction.
 struct View {
-    width: usize,
+    window: Window,
     children: Picture,
     parents: Splats,
 }
@@ -50,14 +51,14 @@ pub fn reference_width(sums: [f64; 3], px: f64) -> f64 {
 }
 
 /// Fits the new parents that pictures show, and measures all new ones. The others are copies of their child.
-pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Residual {
+pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool], rounds: u32) -> Residual {
     let px = pixel_width(parents, children, MOST_PX);
     let widths = Vec::from_iter(parents.nodes.iter().map(Node::width));
     let (mut drawing, mut residuals) = (Drawing::default(), Vec::new());
-    let views = directions().map(|direction| {
+    let mut views = directions().map(|direction| {
         let window = Window::around(children, direction, px);
         Splats::of(children, window).draw(children, &mut drawing);
-        View { width: window.width, children: drawing.picture.clone(), parents: Splats::of(parents, window) }
+        View { window, children: drawing.picture.clone(), parents: Splats::of(parents, window) }
     });
     let is_fitted = |i: usize| is_new[i] && widths[i] >= LEAST_PX * px;
     for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
@@ -67,6 +68,8 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool]) -> Residual {
             correction.apply(parents, i);
         }
     }
+    descend(children, parents, (&is_fitted, px), rounds);
+    views.iter_mut().for_each(|view| view.parents = Splats::of(parents, view.window));
     measure(&views, (parents, is_new), px, &mut drawing)
 }
 
@@ -143,7 +146,7 @@ fn measure(views: &[View], (parents, is_new): (&Nodes, &[bool]), px: f64, drawin
     let new_count = is_new.iter().filter(|is_new| **is_new).count().max(1);
     for view in views {
         view.parents.draw(parents, drawing);
-        let difference = Difference::of(view.width, &view.children, &drawing.picture);
+        let difference = Difference::of(view.window.width, &view.children, &drawing.picture);
         sums.iter_mut().zip(difference.sums).for_each(|(sum, own)| *sum += own);
         // The squared difference of a pixel is divided among the new parents by their weights there.
         let mut covered = vec![0.0_f32; difference.squared.len()];
@@ -187,7 +190,7 @@ mod tests {
         let mut parents = Nodes::new(0);
         parents.push(merged, &sh_of_merged);
         parents.push(children.nodes[4], &sh);
-        fit(&children, &mut parents, &[true, false]);
+        fit(&children, &mut parents, &[true, false], 0);
         [merged.opacity, parents.nodes[0].opacity]
     }
 

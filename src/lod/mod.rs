@@ -6,7 +6,8 @@
 //! - `pairs` - which nodes are merged, the cheapest pair first
 //! - `density`, `neighbours` - the cost of a merge, and the candidates
 //! - `merge` - the parent of several nodes
-//! - `fit` - fits parents to pictures of their children, and measures their errors
+//! - `fit` - fits parents to pictures of their children, and measures their errors; `descent` also fits their shapes,
+//!   by `gradient`
 //! - `replacement` - the error of whole groups of nodes that a source has in place of others
 //! - `raster`, `difference` - these small pictures, and their differences
 //! - `error_code` - errors in 16 bits
@@ -16,9 +17,11 @@
 //! error of its parent is not.
 
 mod density;
+mod descent;
 mod difference;
 mod error_code;
 mod fit;
+mod gradient;
 mod merge;
 mod neighbours;
 mod node;

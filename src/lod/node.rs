@@ -42,10 +42,15 @@ impl Node {
 
     /// The rotation times the scales: the columns are the half axes.
     pub fn axes(&self) -> DMat3 {
-        let [w, x, y, z] = self.rotation.map(f64::from);
-        let turn = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let turn = DMat3::from_quat(self.turn());
         let [a, b, c] = self.scale.map(f64::from);
         DMat3::from_cols(turn.x_axis * a, turn.y_axis * b, turn.z_axis * c)
+    }
+
+    /// The rotation, local to world.
+    pub fn turn(&self) -> DQuat {
+        let [w, x, y, z] = self.rotation.map(f64::from);
+        DQuat::from_xyzw(x, y, z, w).normalize()
     }
 
     pub fn covariance(&self) -> DMat3 {

@@ -10,8 +10,8 @@ use crate::scene::harmonics;
 /// The axes of a picture: its viewing direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Direction {
-    right: DVec3,
-    down: DVec3,
+    pub right: DVec3,
+    pub down: DVec3,
     forward: DVec3,
 }
 
@@ -40,10 +40,10 @@ pub fn directions() -> [Direction; 6] {
 /// The pixel grid of a picture in the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
-    direction: Direction,
+    pub direction: Direction,
     origin: DVec3,
     /// Width of a pixel, world units.
-    px: f64,
+    pub px: f64,
     pub width: usize,
     pub height: usize,
 }
@@ -85,10 +85,10 @@ impl Window {
 
 /// A node in a window. It does not depend on the opacity and the colour, which are fitted.
 #[derive(Clone, Copy, Debug, Default)]
-struct Splat {
-    mean: [f32; 2],
+pub struct Splat {
+    pub mean: [f32; 2],
     /// The inverse covariance: xx, xy, yy.
-    conic: [f32; 3],
+    pub conic: [f32; 3],
     variance_y: f64,
     /// The factor of the opacity that compensates for the low-pass.
     compensation: f64,
@@ -101,10 +101,10 @@ const MOST_DEVIATIONS: f64 = 6.0;
 
 /// Nodes in a window, front to back.
 pub struct Splats {
-    window: Window,
+    pub window: Window,
     /// The basis function of degree 0.
     degree_0: f64,
-    splats: Vec<Splat>,
+    pub splats: Vec<Splat>,
     /// Indices of the splats that may be in the window, front to back.
     order: Vec<u32>,
 }
@@ -155,11 +155,11 @@ struct Row {
 impl Drawing {
     /// The rows of all splats, front to back: the splat, the first pixel, and from there on the weights of the splat's
     /// colour, alpha times transmittance. Zeros pad the last [`LANES`] weights.
-    pub fn rows(&self) -> impl Iterator<Item = (usize, usize, &[[f32; LANES]])> {
-        let ends = self.rows.iter().skip(1).map(|row| row.weights as usize).chain([self.weights.len()]);
-        self.rows.iter().zip(ends).map(|(row, end)| {
-            let weights = self.weights[row.weights as usize..end].as_chunks().0;
-            (row.splat as usize, row.first as usize, weights)
+    pub fn rows(&self) -> impl DoubleEndedIterator<Item = (usize, usize, &[[f32; LANES]])> {
+        (0..self.rows.len()).map(|i| {
+            let Row { splat, first, weights } = self.rows[i];
+            let end = self.rows.get(i + 1).map_or(self.weights.len(), |next| next.weights as usize);
+            (splat as usize, first as usize, self.weights[weights as usize..end].as_chunks().0)
         })
     }
 }
@@ -216,6 +216,12 @@ impl Splats {
         Self { window, degree_0: basis[0], splats, order: depths.into_iter().map(|(_, i)| i).collect() }
     }
 
+    /// The current colour of a node in the direction of the window.
+    pub fn colour(&self, nodes: &Nodes, index: usize) -> [f32; 3] {
+        let (first, higher_degrees) = (nodes.sh(index)[0], self.splats[index].higher_degrees);
+        [0, 1, 2].map(|k| (0.5 + f64::from(first[k]) * self.degree_0 + higher_degrees[k]).max(0.0) as f32)
+    }
+
     /// Draws the nodes of these splats with their current opacities and colours.
     pub fn draw(&self, nodes: &Nodes, drawing: &mut Drawing) {
         draw(self, nodes, drawing);
@@ -231,14 +237,12 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
     weights.clear();
     picture.clear(width * height);
     for index in splats.order.iter().map(|i| *i as usize) {
-        let Splat { mean, conic: [a, b, c], variance_y, compensation, higher_degrees } = splats.splats[index];
+        let Splat { mean, conic: [a, b, c], variance_y, compensation, .. } = splats.splats[index];
         let opacity = (f64::from(nodes.nodes[index].opacity) * compensation) as f32;
         if opacity <= ALPHA_MIN {
             continue;
         }
-        let first = nodes.sh(index)[0];
-        let colour =
-            [0, 1, 2].map(|k| (0.5 + f64::from(first[k]) * splats.degree_0 + higher_degrees[k]).max(0.0) as f32);
+        let colour = splats.colour(nodes, index);
         // The square of the number of standard deviations to the edge of the ellipse, where alpha is the threshold,
         // and half of its height.
         let edge = 2.0 * f64::from(opacity / ALPHA_MIN).ln();
@@ -257,8 +261,9 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
             const LOG2: f32 = -0.5 * std::f32::consts::LOG2_E;
             let (x0, squared, linear, constant) =
                 (columns.start as f32 + 0.5 - mean[0], LOG2 * a, LOG2 * 2.0 * b * y, LOG2 * c * y * y);
-            let [splat, first, begin] = [index, row * width + columns.start, weights.len()].map(|n| n as u32);
-            rows.push(Row { splat, first, weights: begin });
+            let first = row * width + columns.start;
+            let [splat, from, begin] = [index, first, weights.len()].map(|n| n as u32);
+            rows.push(Row { splat, first: from, weights: begin });
             // Whole lanes without a branch: rows are short, and of lengths that the processor cannot guess. Closures
             // would be calls here.
             let count = columns.len() as f32;
@@ -293,8 +298,8 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
 
 /// The values from this pixel on.
 #[inline(always)]
-fn lanes_from(plane: &mut [f32], first: u32) -> impl Iterator<Item = &mut [f32; LANES]> {
-    plane[first as usize..].as_chunks_mut().0.iter_mut()
+pub fn lanes_from(plane: &mut [f32], first: usize) -> impl Iterator<Item = &mut [f32; LANES]> {
+    plane[first..].as_chunks_mut().0.iter_mut()
 }
 
 /// The pixels whose centres lie within `reach` of `middle`, of `count`.

@@ -24,9 +24,9 @@ pub struct Simplified {
 /// are chosen.
 const BLUR: f32 = 0.05;
 
-/// Merges children until `wanted` parents are residual, which are fitted, measured and put into Morton
-/// order. `reference_width`: of the children.
-pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32) -> Simplified {
+/// Merges children until `wanted` parents are left, which are fitted, their shapes in so many rounds, measured and put
+/// into Morton order. `reference_width`: of the children.
+pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32, fit_rounds: u32) -> Simplified {
     let into = merged(densities(children), wanted);
     let mut members_of_root: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (child, root) in into.iter().enumerate() {
@@ -43,7 +43,7 @@ pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32) -> Simpli
         }
     }
     let is_new: Vec<bool> = members_of_root.values().map(|members| members.len() > 1).collect();
-    let residual = fit(children, &mut nodes, &is_new);
+    let residual = fit(children, &mut nodes, &is_new, fit_rounds);
     for ((node, members), squared_error) in
         nodes.nodes.iter_mut().zip(members_of_root.values()).zip(residual.squared_errors)
     {
@@ -97,13 +97,13 @@ mod tests {
     #[test]
     fn simplified_groups_are_the_same_in_every_run() {
         let children = Nodes::of(&cactus::cactus(4096).unwrap().gaussians, 0..4096);
-        let found = simplify(&children, 1024, 0.0);
+        let found = simplify(&children, 1024, 0.0, 0);
         assert_eq!(found.nodes.len(), 1024);
         let mut members = vec![0; 1024];
         found.parent_of_child.iter().for_each(|parent| members[*parent as usize] += 1);
         assert!(members.iter().all(|count| *count > 0));
         assert!(found.nodes.nodes.iter().all(|node| node.error > 0.0));
-        let again = simplify(&children, 1024, 0.0);
+        let again = simplify(&children, 1024, 0.0, 0);
         assert_eq!((again.nodes, again.parent_of_child), (found.nodes, found.parent_of_child));
     }
 }

@@ -57,6 +57,10 @@ pub(in crate::cli) struct Args {
     /// whole. The errors of the levels are measured. The whole scene must fit into host memory.
     #[arg(long, help_heading = OUTPUT, conflicts_with_all = ["lod", "host_memory"])]
     keep_levels: bool,
+    /// Rounds that fit the shapes of nodes: better pictures for a longer time
+    #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "keep_levels")]
+    #[arg(value_parser = whole::<u32>(0..=1000))]
+    fit_rounds: Option<u32>,
     /// Format of the level [default: by the name of the file]
     #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
     #[arg(hide_possible_values = true)]
@@ -73,6 +77,9 @@ pub(in crate::cli) struct Args {
     reading: ReadingArgs,
 }
 
+/// The usual rounds that fit the shapes of nodes.
+const FIT_ROUNDS: u32 = 0;
+
 /// The number formats that opacities above 1 fit into.
 fn storages() -> [(&'static str, &'static str, Options); 4] {
     let [lossless, balanced, fast, preview, _] = STORAGES;
@@ -80,7 +87,7 @@ fn storages() -> [(&'static str, &'static str, Options); 4] {
 }
 
 pub(in crate::cli) fn run(args: &Args) -> Result<()> {
-    let Args { scene, output, storage, writing: WritingArgs { host_memory, json }, level, splats, format, .. } = args;
+    let Args { scene, output, storage, writing: WritingArgs { json, .. }, level, splats, format, .. } = args;
     if level.is_some() || splats.is_some() {
         return one_level(args);
     }
@@ -97,13 +104,15 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
     }
     let files = [scene.clone()];
     Target::Pages.check(output, files.iter().map(PathBuf::as_path), false, json.as_ref())?;
-    let (written, removed, notices) = write_levels(args, output, pages::settings(*storage, *host_memory, true))?;
+    let (written, removed, notices) = write_levels(args, output, *storage)?;
     say_written(written, removed, notices, json.as_ref())
 }
 
 /// Writes a page file with levels: those of the source, or new ones.
-fn write_levels(args: &Args, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
-    let Args { scene, reading, keep_levels, .. } = args;
+fn write_levels(args: &Args, output: &Path, storage: Option<Options>) -> Result<(Written, usize, Vec<String>)> {
+    let Args { scene, reading, keep_levels, writing: WritingArgs { host_memory, .. }, fit_rounds, .. } = args;
+    let fit_rounds = fit_rounds.unwrap_or(FIT_ROUNDS);
+    let settings = Settings { has_levels: true, fit_rounds, ..pages::settings(storage, *host_memory) };
     if *keep_levels {
         return pages::keep_levels(&SceneArg { scene: scene.clone(), reading: *reading }, output, settings);
     }
@@ -129,9 +138,7 @@ fn one_level(args: &Args) -> Result<()> {
     };
     let scene = with_levels(args, has_wanted, |file| level_of(args, file))?;
     let written = match target {
-        Target::Pages => {
-            pages::write_pages(output, input.title(), &scene, pages::settings(*storage, *host_memory, false))?
-        }
+        Target::Pages => pages::write_pages(output, input.title(), &scene, pages::settings(*storage, *host_memory))?,
         Target::Scene(kind) => write_scene(output, kind, scene.gaussians, scene.is_antialiased)?,
     };
     say_written(written, 0, Vec::new(), json.as_ref())
@@ -191,9 +198,13 @@ fn with_levels<T>(
     has_levels: impl Fn(&PageFile) -> bool,
     give: impl FnOnce(&PageFile) -> Result<T>,
 ) -> Result<T> {
-    let Args { scene, output, writing: WritingArgs { host_memory, .. }, reading, .. } = args;
+    let Args { scene, output, reading, .. } = args;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
     if let Some(file) = input.page_file()?.filter(has_levels) {
+        if args.fit_rounds.is_some() {
+            let why = "has levels already, and --fit-rounds is for new ones: leave it out";
+            return Err(Usage(format!("{} {why}", scene.display())).into());
+        }
         return give(&file);
     }
     if is_stdout(output) {
@@ -205,7 +216,7 @@ fn with_levels<T>(
     let folder = output.ancestors().skip(1).find(is_there).unwrap_or(Path::new(""));
     let checkpoint = Checkpoint::beside(&folder.join(format!("{name}.levels")), NO_STATE)?;
     let path = checkpoint.path("levels.smalto");
-    write_levels(args, &path, pages::settings(None, *host_memory, true))?;
+    write_levels(args, &path, None)?;
     give(&PageFile::open(&path)?)
 }
 

@@ -29,11 +29,11 @@ pub const STORAGES: [(&str, &str, Options); 5] = [
     ),
 ];
 
-/// What is written with these number formats within `memory` bytes, with levels of detail if `has_levels`.
-pub fn settings(storage: Option<Options>, memory: Option<u64>, has_levels: bool) -> Settings {
+/// What is written with these number formats within `memory` bytes, without levels of detail.
+pub fn settings(storage: Option<Options>, memory: Option<u64>) -> Settings {
     let usual = Settings::default();
     let memory = memory.map_or(usual.memory, |bytes| usize::try_from(bytes).unwrap_or(usize::MAX));
-    Settings { options: storage.unwrap_or(usual.options), memory, has_levels }
+    Settings { options: storage.unwrap_or(usual.options), memory, ..usual }
 }
 
 /// Writes a page file. Returns how many Gaussians were left out, and the notices of the readers, too.

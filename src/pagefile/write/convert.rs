@@ -28,6 +28,8 @@ pub struct Settings {
     pub memory: usize,
     /// Builds levels of detail, too.
     pub has_levels: bool,
+    /// Rounds in which the shapes of merged nodes are fitted to pictures of what they stand for.
+    pub fit_rounds: u32,
 }
 
 impl Settings {
@@ -37,7 +39,7 @@ impl Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { options: Self::LOSSLESS, memory: 2 << 30, has_levels: false }
+        Self { options: Self::LOSSLESS, memory: 2 << 30, has_levels: false, fit_rounds: 0 }
     }
 }
 
@@ -175,7 +177,12 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
         let groups = GroupCheckpoint::new(&checkpoint, &file);
         // Without a state, no run can resume.
         let groups = checkpoint.path(STATE).is_file().then_some(&groups);
-        let built = build((&output, scene.file, groups), (count, header.layout.sh_degree), &progress, job.is_cancelled);
+        let built = build(
+            (&output, scene.file, groups),
+            (count, header.layout.sh_degree, job.settings.fit_rounds),
+            &progress,
+            job.is_cancelled,
+        );
         built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
         resumed = groups.map_or(0, |groups| groups.found.load(Ordering::Relaxed));
     }

@@ -30,6 +30,7 @@ struct Hierarchy<'h> {
     sh_degree: u32,
     /// Gaussians of the scene.
     count: usize,
+    fit_rounds: u32,
     levels: Vec<HierarchyLevel>,
     typical: Typical,
     done: AtomicUsize,
@@ -104,13 +105,24 @@ impl<'n> Children<'n> {
 /// If a file cannot be read or written; [`Cancelled`].
 pub fn build(
     (output, scene, checkpoint): (&Output, &File, Option<&GroupCheckpoint>),
-    (count, sh_degree): (usize, u32),
+    (count, sh_degree, fit_rounds): (usize, u32, u32),
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
     let (levels, typical, done) = (hierarchy_levels(count), Typical(0.0), AtomicUsize::new(0));
-    let mut hierarchy =
-        Hierarchy { output, scene, checkpoint, sh_degree, count, done, progress, is_cancelled, levels, typical };
+    let mut hierarchy = Hierarchy {
+        output,
+        scene,
+        checkpoint,
+        sh_degree,
+        count,
+        fit_rounds,
+        done,
+        progress,
+        is_cancelled,
+        levels,
+        typical,
+    };
     let Some(last) = hierarchy.levels.last() else {
         let (nodes, records) = hierarchy.scene_pages(0..1)?;
         let children = Children::of_none((&nodes, 0), typical, GroupBounds::around(&nodes));
@@ -135,7 +147,7 @@ impl Hierarchy<'_> {
         let medians = (0..groups.min(GROUPS)).into_par_iter().map(|i| {
             let (mut nodes, mut reference_width) = (self.leaf_input(i * groups / groups.min(GROUPS))?.0, 0.0);
             for _ in 0..STEPS {
-                let found = simplify(&nodes, nodes.len().div_ceil(2), reference_width);
+                let found = simplify(&nodes, nodes.len().div_ceil(2), reference_width, self.fit_rounds);
                 (nodes, reference_width) = (found.nodes, found.reference_width);
             }
             Ok(median(nodes.nodes.iter().map(|node| f64::from(node.error)).collect()))
@@ -197,7 +209,7 @@ impl Hierarchy<'_> {
         for _ in 0..HALVINGS {
             let (nodes, reference_width) =
                 steps.last().map_or((&input, bounds.own_reference_width), |last| (&last.nodes, last.reference_width));
-            steps.push(simplify(nodes, nodes.len().div_ceil(2), reference_width));
+            steps.push(simplify(nodes, nodes.len().div_ceil(2), reference_width, self.fit_rounds));
         }
         let reference_width = steps.iter().map(|step| step.reference_width).fold(bounds.reference_width, f32::max);
         let bounds = GroupBounds { reference_width, ..bounds };

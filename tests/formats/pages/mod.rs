@@ -25,7 +25,7 @@ use smalto::pagefile;
 
 const PLUSH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plush.ply");
 
-const EXACT: Settings = Settings { options: Settings::LOSSLESS, memory: 64 << 20, has_levels: false };
+const EXACT: Settings = Settings { options: Settings::LOSSLESS, memory: 64 << 20, has_levels: false, fit_rounds: 0 };
 
 fn watch() -> Watch<'static> {
     Watch::NONE

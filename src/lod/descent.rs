@@ -1,0 +1,90 @@
+//! Fits the shapes of parents to pictures of their children, by Adam's method (Kingma and Ba 2015).
+
+use glam::{DQuat, DVec3, Vec3Swizzles};
+
+use super::gradient::{Backward, Shape};
+use super::node::{Node, Nodes};
+use super::raster::{Direction, Drawing, Splats, Window};
+
+/// Directions of a round, in turn.
+const ROUND_DIRECTIONS: usize = 3;
+/// The length of a step in the first round, and the part of it in the last one.
+const STEP: f32 = 0.02;
+const LAST: f32 = 0.2;
+/// The parts that the means of gradients and of their squares keep in a round.
+const KEPT: [f32; 2] = [0.7, 0.95];
+
+/// The 24 corners of a snub cube: even directions, none opposite another, so that parents are not fitted to few of
+/// them. Those of one round are far apart.
+fn directions() -> impl Iterator<Item = Direction> {
+    /// The tribonacci constant.
+    const LONG: f64 = 1.839_286_755_214_161;
+    const SIGNS: [DVec3; 4] = [
+        DVec3::new(-1.0, -1.0, -1.0),
+        DVec3::new(-1.0, 1.0, 1.0),
+        DVec3::new(1.0, -1.0, 1.0),
+        DVec3::new(1.0, 1.0, -1.0),
+    ];
+    let corner = DVec3::new(1.0, 1.0 / LONG, LONG);
+    let halves = [(1.0, [corner, corner.zxy(), corner.yzx()]), (-1.0, [corner.xzy(), corner.yxz(), corner.zyx()])];
+    halves.into_iter().flat_map(move |(sign, corners)| {
+        (0..SIGNS.len()).flat_map(move |i| {
+            (0..ROUND_DIRECTIONS).map(move |k| Direction::to(sign * corners[k] * SIGNS[(i + k) % SIGNS.len()]))
+        })
+    })
+}
+
+/// Moves the parents that `is_fitted` names towards the pictures of their children, in pixels of width `px`, world
+/// units.
+pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(usize) -> bool, f64), rounds: u32) {
+    let mut drawing = Drawing::default();
+    let views = Vec::from_iter(directions().take(ROUND_DIRECTIONS * rounds as usize).map(|direction| {
+        let window = Window::around(children, direction, px);
+        Splats::of(children, window).draw(children, &mut drawing);
+        (window, drawing.picture.clone())
+    }));
+    let (low, high) = children.bounds();
+    let (mut backward, mut gradients) = (Backward::default(), vec![Shape::default(); parents.len()]);
+    let mut means = vec![[Shape::default(); 2]; parents.len()];
+    // What the first rounds lack, since the means begin with 0.
+    let mut missing = [1.0, 1.0];
+    for (round, views) in (0..rounds).zip(views.chunks(ROUND_DIRECTIONS).cycle()) {
+        gradients.fill(Shape::default());
+        for (window, picture) in views {
+            let splats = Splats::of(parents, *window);
+            backward.add(picture, (&splats, parents), &mut drawing, &mut gradients);
+        }
+        missing.iter_mut().zip(KEPT).for_each(|(missing, kept)| *missing *= kept);
+        let length = STEP * (1.0 - (1.0 - LAST) * round as f32 / rounds as f32);
+        for i in (0..parents.len()).filter(|i| is_fitted(*i)) {
+            let step = std::array::from_fn(|k| {
+                let gradient = gradients[i][k];
+                let [mean, square] = [0, 1].map(|power| {
+                    let mean = &mut means[i][power][k];
+                    *mean += (1.0 - KEPT[power]) * (if power == 0 { gradient } else { gradient * gradient } - *mean);
+                    *mean / (1.0 - missing[power])
+                });
+                -length * mean / square.sqrt().max(f32::MIN_POSITIVE)
+            });
+            let mut first = parents.sh(i)[0];
+            change(&mut parents.nodes[i], &mut first, &step);
+            let mean = &mut parents.nodes[i].mean;
+            *mean = [0, 1, 2].map(|k| mean[k].clamp(low[k], high[k]));
+            parents.sh_mut(i)[0] = first;
+        }
+    }
+}
+
+/// Changes the shape of a node, and its spherical harmonics of degree 0, by a small step.
+fn change(node: &mut Node, sh: &mut [f32; 3], step: &Shape) {
+    // The power of e, up to the third power of x: functions of the system differ from machine to machine.
+    let factor = |x: f32| 1.0 + x + 0.5 * x * x;
+    let [x, y, z, i, j, k, p, q, r, opacity, colour @ ..] = *step;
+    let half_turn = 0.5 * DVec3::new(p.into(), q.into(), r.into());
+    let turn = (node.turn() * DQuat::from_xyzw(half_turn.x, half_turn.y, half_turn.z, 1.0)).normalize();
+    node.mean = (node.centre() + node.axes() * DVec3::new(x.into(), y.into(), z.into())).as_vec3().to_array();
+    node.rotation = [turn.w, turn.x, turn.y, turn.z].map(|v| v as f32);
+    node.scale.iter_mut().zip([i, j, k]).for_each(|(scale, step)| *scale *= factor(step));
+    node.opacity *= factor(opacity);
+    sh.iter_mut().zip(colour).for_each(|(value, step)| *value += step);
+}
