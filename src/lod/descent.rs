@@ -6,6 +6,9 @@ use super::gradient::{Backward, Shape};
 use super::node::{Node, Nodes};
 use super::raster::{Direction, Drawing, Splats, Window};
 
+/// The width of a pixel of the pictures, as a part of the usual one: parents that are fitted in wider pixels look wrong
+/// where nodes are drawn much larger than a pixel.
+const PX: f64 = 0.5;
 /// Directions of a round, in turn.
 const ROUND_DIRECTIONS: usize = 3;
 /// The length of a step in the first round, and the part of it in the last one.
@@ -13,6 +16,9 @@ const STEP: f32 = 0.02;
 const LAST: f32 = 0.2;
 /// The parts that the means of gradients and of their squares keep in a round.
 const KEPT: [f32; 2] = [0.7, 0.95];
+
+/// Smaller gradients, by their root mean square, move parents less.
+const LEAST_GRADIENT: f32 = 1e-9;
 
 /// The 24 corners of a snub cube: even directions, none opposite another, so that parents are not fitted to few of
 /// them. Those of one round are far apart.
@@ -34,12 +40,12 @@ fn directions() -> impl Iterator<Item = Direction> {
     })
 }
 
-/// Moves the parents that `is_fitted` names towards the pictures of their children, in pixels of width `px`, world
-/// units.
+/// Moves the parents that `is_fitted` names towards the pictures of their children. `px`: the usual width of a
+/// pixel, world units.
 pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(usize) -> bool, f64), rounds: u32) {
     let mut drawing = Drawing::default();
     let views = Vec::from_iter(directions().take(ROUND_DIRECTIONS * rounds as usize).map(|direction| {
-        let window = Window::around(children, direction, px);
+        let window = Window::around(children, direction, PX * px);
         Splats::of(children, window).draw(children, &mut drawing);
         (window, drawing.picture.clone())
     }));
@@ -64,7 +70,7 @@ pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(
                     *mean += (1.0 - KEPT[power]) * (if power == 0 { gradient } else { gradient * gradient } - *mean);
                     *mean / (1.0 - missing[power])
                 });
-                -length * mean / square.sqrt().max(f32::MIN_POSITIVE)
+                -length * mean / square.sqrt().max(LEAST_GRADIENT)
             });
             let mut first = parents.sh(i)[0];
             change(&mut parents.nodes[i], &mut first, &step);
@@ -76,7 +82,7 @@ pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(
 }
 
 /// Changes the shape of a node, and its spherical harmonics of degree 0, by a small step.
-fn change(node: &mut Node, sh: &mut [f32; 3], step: &Shape) {
+pub fn change(node: &mut Node, sh: &mut [f32; 3], step: &Shape) {
     // The power of e, up to the third power of x: functions of the system differ from machine to machine.
     let factor = |x: f32| 1.0 + x + 0.5 * x * x;
     let [x, y, z, i, j, k, p, q, r, opacity, colour @ ..] = *step;
@@ -87,4 +93,44 @@ fn change(node: &mut Node, sh: &mut [f32; 3], step: &Shape) {
     node.scale.iter_mut().zip([i, j, k]).for_each(|(scale, step)| *scale *= factor(step));
     node.opacity *= factor(opacity);
     sh.iter_mut().zip(colour).for_each(|(value, step)| *value += step);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lod::{simplify, squared_difference};
+    use crate::procedural::cactus;
+    use crate::scene::along_curve;
+
+    #[test]
+    fn directions_are_even_and_none_is_opposite_another() {
+        let all = Vec::from_iter(directions().map(|direction| direction.right.cross(direction.down).normalize()));
+        assert_eq!(all.len(), 24);
+        for (i, a) in all.iter().enumerate() {
+            let others = || all.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, b)| a.dot(*b));
+            let [nearest, farthest] = [others().fold(-1.0, f64::max), others().fold(1.0, f64::min)];
+            assert!((0.68..0.75).contains(&nearest), "43 degrees: {nearest}");
+            assert!(farthest > -0.99, "{farthest}");
+        }
+    }
+
+    /// From directions in which no picture was fitted, nodes with fitted shapes are nearer to their children.
+    #[test]
+    fn fitted_shapes_are_better_from_other_directions() {
+        let scene = cactus::cactus(60_000).unwrap().gaussians;
+        let children = Nodes::of(&scene, along_curve(scene.means())[..2048].iter().map(|index| *index as usize));
+        let [merged, fitted] = [0, 12].map(|rounds| simplify(&children, 512, 0.0, rounds));
+        let px = f64::from(merged.reference_width);
+        let error = |nodes: &Nodes| -> f64 {
+            let corners = [[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(DVec3::from);
+            corners.map(|to| squared_difference(&children, nodes, to, px)).iter().sum()
+        };
+        let part = error(&fitted.nodes) / error(&merged.nodes);
+        assert!(part < 0.75, "{part} of the squared error");
+        let (low, high) = children.bounds();
+        let is_within = |node: &Node| (0..3).all(|k| (low[k]..=high[k]).contains(&node.mean[k]));
+        assert!(fitted.nodes.nodes.iter().all(is_within));
+        let again = simplify(&children, 512, 0.0, 12);
+        assert_eq!(again.nodes, fitted.nodes, "the same in every run");
+    }
 }

@@ -153,3 +153,64 @@ fn by_shape(splats: &Splats, (node, index): (&Node, usize), sums: &Sums<f64>, co
     let [[x, y, z], [i, j, k], [p, q, r]] = [by_mean, by_scale, by_turn].map(|by| by.to_array());
     [x, y, z, i, j, k, p, q, r, sum, red, green, blue]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lod::descent::change;
+    use crate::lod::difference::Difference;
+    use crate::lod::raster::{Window, directions};
+
+    /// Nodes of several shapes that cover each other, one with an opacity above 1.
+    fn nodes() -> Nodes {
+        let mut nodes = Nodes::new(1);
+        let turned = DVec3::new(0.3, -0.5, 0.2);
+        for i in 0..5 {
+            let at = i as f32;
+            let mean = [0.4 * at - 0.8, 0.3 * (at * 2.0).sin(), 0.5 * (at - 2.0)];
+            let rotation = [1.0, 0.2 * at, 0.3 - 0.1 * at, turned.z as f32];
+            let opacity = if i == 3 { 1.8 } else { 0.3 + 0.12 * at };
+            let node = Node::leaf(mean, rotation, [0.5, 0.2 + 0.1 * at, 0.08], opacity);
+            let sh = [[0.9 - 0.3 * at, 0.2 * at, 0.4], [0.1; 3], [-0.1, 0.2, 0.0], [0.2, 0.0, 0.1]];
+            nodes.push(node, &sh);
+        }
+        nodes
+    }
+
+    /// The gradient is the slope of the squared difference: a step in one number to both sides changes it so much.
+    #[test]
+    fn gradients_are_slopes_of_the_squared_difference() {
+        let mut others = nodes();
+        others.nodes.iter_mut().for_each(|node| node.mean[1] += 0.15);
+        others.sh.iter_mut().for_each(|sh| sh[0] += 0.2);
+        for direction in directions() {
+            let (mut nodes, window) = (nodes(), Window::around(&nodes(), direction, 0.04));
+            let (mut drawing, mut expected) = (Drawing::default(), Drawing::default());
+            Splats::of(&others, window).draw(&others, &mut expected);
+            let mut found = vec![Shape::default(); nodes.len()];
+            let splats = Splats::of(&nodes, window);
+            Backward::default().add(&expected.picture, (&splats, &nodes), &mut drawing, &mut found);
+            let largest = found.iter().flatten().fold(0.0, |most: f32, value| most.max(value.abs()));
+            for i in 0..nodes.len() {
+                for k in 0..Shape::default().len() {
+                    const STEP: f32 = 0.01;
+                    let before = (nodes.nodes[i], nodes.sh(i)[0]);
+                    let [below, above] = [-STEP, STEP].map(|length| {
+                        let mut step = Shape::default();
+                        step[k] = length;
+                        let (mut node, mut sh) = before;
+                        change(&mut node, &mut sh, &step);
+                        (nodes.nodes[i], nodes.sh_mut(i)[0]) = (node, sh);
+                        Splats::of(&nodes, window).draw(&nodes, &mut drawing);
+                        Difference::of(window.width, &expected.picture, &drawing.picture).sums[0]
+                    });
+                    (nodes.nodes[i], nodes.sh_mut(i)[0]) = before;
+                    let slope = ((above - below) / f64::from(2.0 * STEP)) as f32;
+                    let off = (slope - found[i][k]).abs();
+                    assert!(off < 0.01 * largest + 0.02 * slope.abs(), "node {i}, {k}: {}, slope {slope}", found[i][k]);
+                }
+            }
+            assert!(largest > 10.0, "{largest}");
+        }
+    }
+}

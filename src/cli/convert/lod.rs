@@ -57,7 +57,9 @@ pub(in crate::cli) struct Args {
     /// whole. The errors of the levels are measured. The whole scene must fit into host memory.
     #[arg(long, help_heading = OUTPUT, conflicts_with_all = ["lod", "host_memory"])]
     keep_levels: bool,
-    /// Rounds that fit the shapes of nodes: better pictures for a longer time
+    /// Rounds that fit the shapes of nodes: better pictures, a longer time [default: 0]
+    ///
+    /// 12 rounds gain about 1 dB at the same number of nodes, and take four to five times as long (docs/levels.md).
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "keep_levels")]
     #[arg(value_parser = whole::<u32>(0..=1000))]
     fit_rounds: Option<u32>,
@@ -76,9 +78,6 @@ pub(in crate::cli) struct Args {
     #[command(flatten)]
     reading: ReadingArgs,
 }
-
-/// The usual rounds that fit the shapes of nodes.
-const FIT_ROUNDS: u32 = 0;
 
 /// The number formats that opacities above 1 fit into.
 fn storages() -> [(&'static str, &'static str, Options); 4] {
@@ -111,8 +110,8 @@ pub(in crate::cli) fn run(args: &Args) -> Result<()> {
 /// Writes a page file with levels: those of the source, or new ones.
 fn write_levels(args: &Args, output: &Path, storage: Option<Options>) -> Result<(Written, usize, Vec<String>)> {
     let Args { scene, reading, keep_levels, writing: WritingArgs { host_memory, .. }, fit_rounds, .. } = args;
-    let fit_rounds = fit_rounds.unwrap_or(FIT_ROUNDS);
-    let settings = Settings { has_levels: true, fit_rounds, ..pages::settings(storage, *host_memory) };
+    let usual = pages::settings(storage, *host_memory);
+    let settings = Settings { has_levels: true, fit_rounds: fit_rounds.unwrap_or(0), ..usual };
     if *keep_levels {
         return pages::keep_levels(&SceneArg { scene: scene.clone(), reading: *reading }, output, settings);
     }

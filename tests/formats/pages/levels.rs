@@ -195,10 +195,17 @@ fn a_level_is_a_scene_of_any_format() {
         (&["--level", "1", "--storage", "balanced"], "--storage needs a .smalto file"),
         (&["--format", "ply"], "--format needs --level or --splats"),
         (&["--level", "33"], "--level"),
+        (&["--level", "1", "--fit-rounds", "1"], "has levels already, and --fit-rounds is for new ones: leave it out"),
     ] {
         let said = fails(2, &[&["lod", &levels, "-o", &out], wrong].concat());
         assert!(said.contains(why), "{said}");
     }
+    let fitted = path(&folder, "fitted.ply");
+    let [merged, fitted] = [("0", &out), ("2", &fitted)].map(|(rounds, out)| {
+        ok(&["lod", &source, "--level", "1", "--fit-rounds", rounds, "-o", out]);
+        read(Path::new(out)).gaussians
+    });
+    assert!(merged.len() == fitted.len() && merged.scales() != fitted.scales());
     let said = fails(2, &["lod", &source, "--level", "1", "-o", "-", "--format", "ply"]);
     assert!(said.contains("standard output"), "{said}");
 }
