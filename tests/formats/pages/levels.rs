@@ -203,9 +203,10 @@ fn a_level_is_a_scene_of_any_format() {
     let fitted = path(&folder, "fitted.ply");
     let [merged, fitted] = [("0", &out), ("2", &fitted)].map(|(rounds, out)| {
         ok(&["lod", &source, "--level", "1", "--fit-rounds", rounds, "-o", out]);
-        read(Path::new(out)).gaussians
+        read(Path::new(out))
     });
-    assert!(merged.len() == fitted.len() && merged.scales() != fitted.scales());
+    assert!(fitted.len() <= count / 2 && fitted.len() > (count / 2) * 9 / 10, "{}", fitted.len());
+    assert!(merged.scales() != fitted.scales());
     let said = fails(2, &["lod", &source, "--level", "1", "-o", "-", "--format", "ply"]);
     assert!(said.contains("standard output"), "{said}");
 }
