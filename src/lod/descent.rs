@@ -73,9 +73,10 @@ pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(
                 -length * mean / square.sqrt().max(LEAST_GRADIENT)
             });
             let mut first = parents.sh(i)[0];
-            change(&mut parents.nodes[i], &mut first, &step);
-            let mean = &mut parents.nodes[i].mean;
-            *mean = [0, 1, 2].map(|k| mean[k].clamp(low[k], high[k]));
+            let node = &mut parents.nodes[i];
+            change(node, &mut first, &step);
+            node.mean = [0, 1, 2].map(|k| node.mean[k].clamp(low[k], high[k]));
+            node.size = node.scale.into_iter().fold(node.size, f32::max);
             parents.sh_mut(i)[0] = first;
         }
     }
