@@ -4,24 +4,27 @@ use glam::{DQuat, DVec3, Vec3Swizzles};
 
 use super::gradient::{Backward, Shape};
 use super::node::{Node, Nodes};
-use super::raster::{Direction, Drawing, Splats, Window};
+use super::raster::{Direction, Drawing, MARGIN, Splats, Window};
 
 /// The width of a pixel of the pictures, as a part of the usual one: parents that are fitted in wider pixels look wrong
 /// where nodes are drawn much larger than a pixel.
 const PX: f64 = 0.5;
 /// Directions of a round, in turn.
 const ROUND_DIRECTIONS: usize = 3;
-/// The length of a step in the first round, and the part of it in the last one.
+/// The length of a step in the first round, and the part of it in the last one: standard deviations, logarithms, radians
+/// and coefficients.
 const STEP: f32 = 0.02;
 const LAST: f32 = 0.2;
 /// The parts that the means of gradients and of their squares keep in a round.
 const KEPT: [f32; 2] = [0.7, 0.95];
+/// The largest factor between the scales and opacities of a merged and of a fitted node.
+const MOST_CHANGE: f32 = 4.0;
 
-/// Smaller gradients, by their root mean square, move parents less.
+/// Smaller gradients, by their root mean square, px^2, move parents less.
 const LEAST_GRADIENT: f32 = 1e-9;
 
-/// The 24 corners of a snub cube: even directions, none opposite another, so that parents are not fitted to few of
-/// them. Those of one round are far apart.
+/// The 24 corners of a snub cube: even directions, none opposite another. With the six of the errors, parents fit only
+/// those. The directions of one round are far apart.
 fn directions() -> impl Iterator<Item = Direction> {
     /// The tribonacci constant.
     const LONG: f64 = 1.839_286_755_214_161;
@@ -45,11 +48,11 @@ fn directions() -> impl Iterator<Item = Direction> {
 pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(usize) -> bool, f64), rounds: u32) {
     let mut drawing = Drawing::default();
     let views = Vec::from_iter(directions().take(ROUND_DIRECTIONS * rounds as usize).map(|direction| {
-        let window = Window::around(children, direction, PX * px);
+        let window = Window::within(children, direction, PX * px, MARGIN * px);
         Splats::of(children, window).draw(children, &mut drawing);
         (window, drawing.picture.clone())
     }));
-    let (low, high) = children.bounds();
+    let (merged, (low, high)) = (parents.nodes.clone(), children.bounds());
     let (mut backward, mut gradients) = (Backward::default(), vec![Shape::default(); parents.len()]);
     let mut means = vec![[Shape::default(); 2]; parents.len()];
     // What the first rounds lack, since the means begin with 0.
@@ -61,7 +64,7 @@ pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(
             backward.add(picture, (&splats, parents), &mut drawing, &mut gradients);
         }
         missing.iter_mut().zip(KEPT).for_each(|(missing, kept)| *missing *= kept);
-        let length = STEP * (1.0 - (1.0 - LAST) * round as f32 / rounds as f32);
+        let length = STEP * (1.0 - (1.0 - LAST) * round as f32 / (rounds - 1).max(1) as f32);
         for i in (0..parents.len()).filter(|i| is_fitted(*i)) {
             let step = std::array::from_fn(|k| {
                 let gradient = gradients[i][k];
@@ -76,6 +79,9 @@ pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(
             let node = &mut parents.nodes[i];
             change(node, &mut first, &step);
             node.mean = [0, 1, 2].map(|k| node.mean[k].clamp(low[k], high[k]));
+            let limited = |value: f32, merged: f32| value.clamp(merged / MOST_CHANGE, merged * MOST_CHANGE);
+            node.scale = [0, 1, 2].map(|k| limited(node.scale[k], merged[i].scale[k]));
+            node.opacity = limited(node.opacity, merged[i].opacity);
             node.size = node.scale.into_iter().fold(node.size, f32::max);
             parents.sh_mut(i)[0] = first;
         }
@@ -84,7 +90,7 @@ pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(
 
 /// Changes the shape of a node, and its spherical harmonics of degree 0, by a small step.
 pub fn change(node: &mut Node, sh: &mut [f32; 3], step: &Shape) {
-    // The power of e, up to the third power of x: functions of the system differ from machine to machine.
+    // e^x up to x^2: functions of the system differ from machine to machine.
     let factor = |x: f32| 1.0 + x + 0.5 * x * x;
     let [x, y, z, i, j, k, p, q, r, opacity, colour @ ..] = *step;
     let half_turn = 0.5 * DVec3::new(p.into(), q.into(), r.into());
@@ -131,6 +137,8 @@ mod tests {
         let (low, high) = children.bounds();
         let is_within = |node: &Node| (0..3).all(|k| (low[k]..=high[k]).contains(&node.mean[k]));
         assert!(fitted.nodes.nodes.iter().all(is_within));
+        let is_covered = |node: &Node| node.size == 0.0 || node.scale.iter().all(|scale| *scale <= node.size);
+        assert!(fitted.nodes.nodes.iter().all(is_covered), "the size is not that of the merged node");
         let again = simplify(&children, 512, 0.0, 12);
         assert_eq!(again.nodes, fitted.nodes, "the same in every run");
     }

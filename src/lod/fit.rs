@@ -68,8 +68,10 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool], rounds: u32) 
             correction.apply(parents, i);
         }
     }
-    descend(children, parents, (&is_fitted, px), rounds);
-    views.iter_mut().for_each(|view| view.parents = Splats::of(parents, view.window));
+    if rounds > 0 {
+        descend(children, parents, (&is_fitted, px), rounds);
+        views.iter_mut().for_each(|view| view.parents = Splats::of(parents, view.window));
+    }
     measure(&views, (parents, is_new), px, &mut drawing)
 }
 
@@ -179,9 +181,8 @@ mod tests {
     use super::*;
     use crate::lod::merge::parent;
 
-    /// The opacity of four Gaussians at one place that are merged to one, before and after the fit. A fifth, at this
-    /// distance, stays.
-    fn opacities(distance: f32) -> [f32; 2] {
+    /// Four Gaussians at one place that are merged to one, before and after the fit. A fifth, at this distance, stays.
+    fn merged_and_fitted(distance: f32) -> [Node; 2] {
         let (mut children, sh) = (Nodes::new(0), [[0.5; 3]]);
         for x in [0.0, 0.0, 0.0, 0.0, distance] {
             children.push(Node::leaf([x, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.01; 3], 1.0), &sh);
@@ -190,16 +191,17 @@ mod tests {
         let mut parents = Nodes::new(0);
         parents.push(merged, &sh_of_merged);
         parents.push(children.nodes[4], &sh);
-        fit(&children, &mut parents, &[true, false], 0);
-        [merged.opacity, parents.nodes[0].opacity]
+        fit(&children, &mut parents, &[true, false], 3);
+        assert_eq!(parents.nodes[1], children.nodes[4], "a copy is not fitted");
+        [merged, parents.nodes[0]]
     }
 
     /// Where pixels are 25 times as wide, the four are below the threshold of alphas, and the merged one is not.
     #[test]
     fn parents_that_pictures_hardly_show_stay_as_merged() {
-        let [merged, fitted] = opacities(0.1);
-        assert!(merged != fitted, "{merged}");
-        let [merged, fitted] = opacities(110.0);
+        let [merged, fitted] = merged_and_fitted(0.1);
+        assert!(merged.opacity != fitted.opacity && merged.scale != fitted.scale, "{merged:?}");
+        let [merged, fitted] = merged_and_fitted(110.0);
         assert_eq!(merged, fitted);
     }
 }

@@ -49,7 +49,7 @@ pub struct Window {
 }
 
 /// Pixels around the means.
-const MARGIN: f64 = 4.0;
+pub const MARGIN: f64 = 4.0;
 
 impl Window {
     /// A window around all means, seen in this direction.
@@ -83,7 +83,7 @@ impl Window {
     }
 }
 
-/// A node in a window. It does not depend on the opacity and the colour, which are fitted.
+/// A node in a window, without its opacity and its colour of degree 0: it stays valid while only these change.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Splat {
     pub mean: [f32; 2],

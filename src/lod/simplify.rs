@@ -24,8 +24,8 @@ pub struct Simplified {
 /// are chosen.
 const BLUR: f32 = 0.05;
 
-/// Merges children until `wanted` parents are left, which are fitted, their shapes in so many rounds, measured and put
-/// into Morton order. `reference_width`: of the children.
+/// Merges children until `wanted` parents are left, which are fitted, measured and put into Morton order.
+/// `reference_width`: of the children. `fit_rounds`: rounds in which their shapes are fitted, too.
 pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32, fit_rounds: u32) -> Simplified {
     let into = merged(densities(children), wanted);
     let mut members_of_root: BTreeMap<u32, Vec<u32>> = BTreeMap::new();

@@ -179,7 +179,8 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
         let groups = checkpoint.path(STATE).is_file().then_some(&groups);
         let built = build(
             (&output, scene.file, groups),
-            (count, header.layout.sh_degree, job.settings.fit_rounds),
+            (count, header.layout.sh_degree),
+            job.settings.fit_rounds,
             &progress,
             job.is_cancelled,
         );

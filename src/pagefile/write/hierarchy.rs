@@ -105,7 +105,8 @@ impl<'n> Children<'n> {
 /// If a file cannot be read or written; [`Cancelled`].
 pub fn build(
     (output, scene, checkpoint): (&Output, &File, Option<&GroupCheckpoint>),
-    (count, sh_degree, fit_rounds): (usize, u32, u32),
+    (count, sh_degree): (usize, u32),
+    fit_rounds: u32,
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
@@ -147,6 +148,7 @@ impl Hierarchy<'_> {
         let medians = (0..groups.min(GROUPS)).into_par_iter().map(|i| {
             let (mut nodes, mut reference_width) = (self.leaf_input(i * groups / groups.min(GROUPS))?.0, 0.0);
             for _ in 0..STEPS {
+                self.check()?;
                 let found = simplify(&nodes, nodes.len().div_ceil(2), reference_width, self.fit_rounds);
                 (nodes, reference_width) = (found.nodes, found.reference_width);
             }
@@ -166,7 +168,7 @@ impl Hierarchy<'_> {
     /// The output of a group, built or from the checkpoint. All pages below it are then in the file, except for the
     /// table entries of its last pages.
     fn group_output(&self, level: usize, group: usize) -> Result<GroupOutput> {
-        ensure!(!(self.is_cancelled)(), Cancelled);
+        self.check()?;
         let Some(checkpoint) = self.checkpoint.filter(|_| level == GroupCheckpoint::level(&self.levels)) else {
             return self.build_group(level, group);
         };
@@ -181,6 +183,11 @@ impl Hierarchy<'_> {
         let output = self.build_group(level, group)?;
         checkpoint.save(group, &output)?;
         Ok(output)
+    }
+
+    fn check(&self) -> Result<()> {
+        ensure!(!(self.is_cancelled)(), Cancelled);
+        Ok(())
     }
 
     /// Reports that groups with `nodes` input nodes are done.
@@ -207,6 +214,7 @@ impl Hierarchy<'_> {
         let bounds = union.unwrap_or_else(|| GroupBounds::around(&input));
         let mut steps: Vec<Simplified> = Vec::new();
         for _ in 0..HALVINGS {
+            self.check()?;
             let (nodes, reference_width) =
                 steps.last().map_or((&input, bounds.own_reference_width), |last| (&last.nodes, last.reference_width));
             steps.push(simplify(nodes, nodes.len().div_ceil(2), reference_width, self.fit_rounds));
