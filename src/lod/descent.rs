@@ -11,8 +11,8 @@ use super::raster::{Direction, Drawing, MARGIN, Splats, Window};
 const PX: f64 = 0.5;
 /// Directions of a round, in turn.
 const ROUND_DIRECTIONS: usize = 3;
-/// The length of a step in the first round, and the part of it in the last one: standard deviations, logarithms, radians
-/// and coefficients.
+/// The length of a step in the first round, and the part of it in the last one. Steps are in standard deviations,
+/// logarithms, radians and coefficients.
 const STEP: f32 = 0.02;
 const LAST: f32 = 0.2;
 /// The parts that the means of gradients and of their squares keep in a round.

@@ -57,9 +57,9 @@ pub(in crate::cli) struct Args {
     /// whole. The errors of the levels are measured. The whole scene must fit into host memory.
     #[arg(long, help_heading = OUTPUT, conflicts_with_all = ["lod", "host_memory"])]
     keep_levels: bool,
-    /// Rounds that fit the shapes of nodes: better pictures, a longer time [default: 0]
+    /// Rounds that fit the shapes of nodes [default: 0]
     ///
-    /// 12 rounds gain 0.6 to 2.2 dB at the same number of nodes, and take about four times as long (docs/levels.md).
+    /// 12 rounds gain 0.3 to 2.2 dB at the same number of nodes, and take about four times as long (docs/levels.md).
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "keep_levels")]
     #[arg(value_parser = whole::<u32>(0..=100))]
     fit_rounds: Option<u32>,
