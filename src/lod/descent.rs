@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3, Vec3Swizzles};
 
-use super::gradient::{Backward, Shape};
+use super::gradient::{Backward, Parameters};
 use super::node::{Node, Nodes};
 use super::raster::{Direction, Drawing, MARGIN, Splats, Window};
 
@@ -53,12 +53,12 @@ pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(
         (window, drawing.picture.clone())
     }));
     let (merged, (low, high)) = (parents.nodes.clone(), children.bounds());
-    let (mut backward, mut gradients) = (Backward::default(), vec![Shape::default(); parents.len()]);
-    let mut means = vec![[Shape::default(); 2]; parents.len()];
+    let (mut backward, mut gradients) = (Backward::default(), vec![Parameters::default(); parents.len()]);
+    let mut means = vec![[Parameters::default(); 2]; parents.len()];
     // What the first rounds lack, since the means begin with 0.
     let mut missing = [1.0, 1.0];
     for (round, views) in (0..rounds).zip(views.chunks(ROUND_DIRECTIONS).cycle()) {
-        gradients.fill(Shape::default());
+        gradients.fill(Parameters::default());
         for (window, picture) in views {
             let splats = Splats::of(parents, *window);
             backward.add(picture, (&splats, parents), &mut drawing, &mut gradients);
@@ -88,8 +88,8 @@ pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(
     }
 }
 
-/// Changes the shape of a node, and its spherical harmonics of degree 0, by a small step.
-pub fn change(node: &mut Node, sh: &mut [f32; 3], step: &Shape) {
+/// Moves the parameters of a node, of which `sh` has the colour, by a small step.
+pub fn change(node: &mut Node, sh: &mut [f32; 3], step: &Parameters) {
     // e^x up to x^2: functions of the system differ from machine to machine.
     let factor = |x: f32| 1.0 + x + 0.5 * x * x;
     let [x, y, z, i, j, k, p, q, r, opacity, colour @ ..] = *step;
@@ -105,7 +105,8 @@ pub fn change(node: &mut Node, sh: &mut [f32; 3], step: &Shape) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lod::{simplify, squared_difference};
+    use crate::lod::difference::from_other_directions;
+    use crate::lod::simplify;
     use crate::procedural::cactus;
     use crate::scene::along_curve;
 
@@ -128,11 +129,8 @@ mod tests {
         let children = Nodes::of(&scene, along_curve(scene.means())[..2048].iter().map(|index| *index as usize));
         let [merged, fitted] = [0, 12].map(|rounds| simplify(&children, 512, 0.0, rounds));
         let px = f64::from(merged.reference_width);
-        let error = |nodes: &Nodes| -> f64 {
-            let corners = [[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(DVec3::from);
-            corners.map(|to| squared_difference(&children, nodes, to, px)).iter().sum()
-        };
-        let part = error(&fitted.nodes) / error(&merged.nodes);
+        let [before, after] = [&merged, &fitted].map(|found| from_other_directions(&children, &found.nodes, px));
+        let part = after / before;
         assert!(part < 0.75, "{part} of the squared error");
         let (low, high) = children.bounds();
         let is_within = |node: &Node| (0..3).all(|k| (low[k]..=high[k]).contains(&node.mean[k]));

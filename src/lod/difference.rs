@@ -59,6 +59,13 @@ pub fn squared_difference(of: &Nodes, others: &Nodes, forward: DVec3, px: f64) -
     Difference::drawn([of, others], window, &mut Default::default()).sums[0] * px * px
 }
 
+/// The mean of [`squared_difference`] over four directions in which nothing is fitted or measured.
+#[cfg(test)]
+pub fn from_other_directions(of: &Nodes, others: &Nodes, px: f64) -> f64 {
+    let corners = [[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(DVec3::from);
+    corners.map(|to| squared_difference(of, others, to, px)).iter().sum::<f64>() / 4.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -87,10 +94,7 @@ mod tests {
         let children = Nodes::of(&scene, along_curve(scene.means())[..4096].iter().map(|index| *index as usize));
         let found = simplify(&children, 2048, 0.0, 0);
         let predicted: f64 = found.nodes.nodes.iter().map(|node| f64::from(node.squared_error)).sum();
-        let corners = [[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]].map(DVec3::from);
-        let px = f64::from(found.reference_width);
-        let measured: f64 =
-            corners.iter().map(|to| squared_difference(&children, &found.nodes, *to, px)).sum::<f64>() / 4.0;
+        let measured = from_other_directions(&children, &found.nodes, f64::from(found.reference_width));
         assert!((0.5..2.0).contains(&(measured / predicted)), "{measured}, predicted {predicted}");
     }
 }

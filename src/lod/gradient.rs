@@ -1,4 +1,4 @@
-//! The gradient of the squared difference of pictures, by what shapes a node.
+//! The gradient of the squared difference of pictures, by the parameters of nodes.
 //!
 //! As in training, it is carried through the blending from back to front (3D Gaussian splatting, Kerbl et al. 2023).
 
@@ -10,10 +10,10 @@ use super::raster::{Drawing, LANES, Picture, Splats, lanes_from};
 use crate::rules::ALPHA_MAX;
 use crate::scene::harmonics;
 
-/// A number for each of these: the mean along the node's own axes, in standard deviations; the logarithms of the
-/// standard deviations; the turns about the node's own axes, radians; the logarithm of the opacity; and red, green and
-/// blue of the harmonics of degree 0.
-pub type Shape = [f32; 13];
+/// The parameters of a node, a step of them, or a gradient by them: the mean along the node's own axes, in standard
+/// deviations; the logarithms of the standard deviations; the turns about the node's own axes, radians; the logarithm
+/// of the opacity; and red, green and blue of the harmonics of degree 0.
+pub type Parameters = [f32; 13];
 
 /// Pixels on the way from the back to the front. The memory is reused by the next picture.
 #[derive(Clone, Debug, Default)]
@@ -34,7 +34,7 @@ impl Backward {
         expected: &Picture,
         (splats, nodes): (&Splats, &Nodes),
         drawing: &mut Drawing,
-        gradients: &mut [Shape],
+        gradients: &mut [Parameters],
     ) {
         splats.draw(nodes, drawing);
         self.begin(expected, &drawing.picture);
@@ -67,7 +67,7 @@ type Lanes = [f32; LANES];
 
 /// See [`Backward::add`]. All versions make the same bits, as those of [`Splats::draw`] do.
 #[multiversion(targets("x86_64+avx2"))]
-fn add(backward: &mut Backward, (splats, nodes): (&Splats, &Nodes), drawing: &Drawing, gradients: &mut [Shape]) {
+fn add(backward: &mut Backward, (splats, nodes): (&Splats, &Nodes), drawing: &Drawing, gradients: &mut [Parameters]) {
     let width = splats.window.width;
     let Backward { by_pixel, behind, passing } = backward;
     let mut rows = drawing.rows().rev().peekable();
@@ -120,13 +120,13 @@ fn add(backward: &mut Backward, (splats, nodes): (&Splats, &Nodes), drawing: &Dr
             }
         }
         let sums = sums.map(|lanes| f64::from(lanes.iter().sum::<f32>()));
-        let gradient = by_shape(splats, (&nodes.nodes[index], index), &sums, colour);
+        let gradient = by_parameters(splats, (&nodes.nodes[index], index), &sums, colour);
         gradients[index].iter_mut().zip(gradient).for_each(|(sum, value)| *sum += value as f32);
     }
 }
 
-/// The gradient by the shape of the node with this index, which has this colour.
-fn by_shape(splats: &Splats, (node, index): (&Node, usize), sums: &Sums<f64>, colour: [f32; 3]) -> [f64; 13] {
+/// The gradient by the parameters of the node with this index, which has this colour.
+fn by_parameters(splats: &Splats, (node, index): (&Node, usize), sums: &Sums<f64>, colour: [f32; 3]) -> [f64; 13] {
     let [sum, x, y, xx, xy, yy, by_colour @ ..] = *sums;
     let [a, b, c] = splats.splats[index].conic.map(f64::from);
     let (direction, px) = (splats.window.direction, splats.window.px);
@@ -180,15 +180,15 @@ mod tests {
         let mut others = nodes();
         others.nodes.iter_mut().for_each(|node| node.mean = node.mean.map(|value| value + 0.05));
         others.sh.iter_mut().for_each(|sh| *sh = sh.map(|value| value + 0.1));
-        let mut seen = Shape::default();
+        let mut seen = Parameters::default();
         for direction in directions() {
             let (mut nodes, window) = (nodes(), Window::around(&nodes(), direction, 0.04));
             let (mut drawing, mut expected) = (Drawing::default(), Drawing::default());
             Splats::of(&others, window).draw(&others, &mut expected);
-            let mut found = vec![Shape::default(); nodes.len()];
+            let mut found = vec![Parameters::default(); nodes.len()];
             let splats = Splats::of(&nodes, window);
             Backward::default().add(&expected.picture, (&splats, &nodes), &mut drawing, &mut found);
-            let largest: Shape = std::array::from_fn(|k| found.iter().fold(0.0, |most, by| by[k].abs().max(most)));
+            let largest: Parameters = std::array::from_fn(|k| found.iter().fold(0.0, |most, by| by[k].abs().max(most)));
             let most = largest.into_iter().fold(0.0, f32::max);
             seen.iter_mut().zip(largest).for_each(|(seen, value)| *seen = value.max(*seen));
             for (i, found) in found.iter().enumerate() {
@@ -196,7 +196,7 @@ mod tests {
                     const STEP: f32 = 0.01;
                     let before = (nodes.nodes[i], nodes.sh(i)[0]);
                     let [below, above] = [-STEP, STEP].map(|length| {
-                        let mut step = Shape::default();
+                        let mut step = Parameters::default();
                         step[k] = length;
                         let (mut node, mut sh) = before;
                         change(&mut node, &mut sh, &step);
