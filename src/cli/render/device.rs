@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use crossbeam_channel::{Receiver, Sender, unbounded};
 
 use super::Args;
@@ -53,8 +54,8 @@ pub(super) struct Run<'p> {
     /// Bytes of the pixels of the largest view on their way to files, and of its image.
     host_bytes: u64,
     image_bytes: u64,
-    /// After so many views the first device is lost, for tests.
-    fault: Option<usize>,
+    /// The device that hands on the view after so many is lost, for tests.
+    fault: Option<AtomicUsize>,
 }
 
 /// One device at work.
@@ -68,8 +69,6 @@ struct Worker<'r, 'p> {
     jobs: Sender<Job<'p>>,
     /// The most bytes of a view that is kept in flight.
     largest: u64,
-    /// Views until the device is lost, for tests.
-    fault: Option<usize>,
 }
 
 /// Host memory for views, which comes back when their files are written.
@@ -104,7 +103,7 @@ impl<'p> Run<'p> {
         let on_their_way = if are_bands { IN_FLIGHT } else { encoders.div_ceil(devices) };
         let host_frames = fit.clamp(2, IN_FLIGHT + on_their_way);
         let fault = Environment::read().ok().and_then(|environment| environment.fault);
-        let fault = fault.and_then(|fault| fault.strip_prefix("device@")?.parse().ok());
+        let fault = fault.and_then(|fault| fault.strip_prefix("device@")?.parse().ok()).map(AtomicUsize::new);
         Self {
             args,
             options,
@@ -247,7 +246,7 @@ impl<'r, 'p> Worker<'r, 'p> {
         };
         let largest = largest_streamed(device);
         let (stream, in_flight) = (FrameQueue::new(device, renderer), VecDeque::new());
-        Ok(Self { run, stream, certifier, in_flight, host, jobs, largest, fault: run.fault.filter(|_| number == 0) })
+        Ok(Self { run, stream, certifier, in_flight, host, jobs, largest })
     }
 
     fn draw(&mut self) -> Result<()> {
@@ -295,11 +294,10 @@ impl<'r, 'p> Worker<'r, 'p> {
         Ok(true)
     }
 
-    fn check_fault(&mut self) -> Result<()> {
-        self.fault = match self.fault {
-            Some(0) => return Err(DeviceLost("the GPU was lost: SMALTO_FAULT simulates it".to_owned()).into()),
-            views => views.map(|views| views - 1),
-        };
+    /// Counts the views of all devices, so that one is lost whichever is slower. After the loss the count wraps around.
+    fn check_fault(&self) -> Result<()> {
+        let left = self.run.fault.as_ref().map(|views| views.fetch_sub(1, Ordering::Relaxed));
+        ensure!(left != Some(0), DeviceLost("the GPU was lost: SMALTO_FAULT simulates it".to_owned()));
         Ok(())
     }
 
