@@ -236,3 +236,26 @@ fn a_measurement_knows_what_is_hidden() {
     assert!((other - measured).abs() > 0.2, "{other} and {measured} dB");
     assert_eq!(device.validation_messages(), Vec::<String>::new());
 }
+
+/// The limit that is searched keeps the PSNR of the picture in which hidden groups are coarser.
+#[test]
+fn a_psnr_is_kept_where_much_is_hidden() {
+    const WANTED: f64 = 42.0;
+    let (device, camera) = (open(None), camera(0.0));
+    let options = Options { stop: 0.03, lod_error: 0.0, lod_psnr: WANTED as f32, ..OPTIONS };
+    let exact = draw(&mut renderer(&device, &options.finest()), &camera).0;
+    let mut one = renderer(&device, &options);
+    let (picture, report) = draw(&mut one, &camera);
+    let measured = psnr(&picture, &exact);
+    assert!(measured >= WANTED, "{measured} dB");
+    assert!((report.measured_psnr.unwrap() - measured).abs() < 1e-3, "{report:?}, {measured}");
+    let all = draw(&mut renderer(&device, &Options { lod_occlusion: 0.0, ..options }), &camera).1;
+    assert!(report.nodes < 0.9 * all.nodes && report.lod_error <= all.lod_error, "{report:?}, {all:?}");
+    // Neither another view before nor a known limit changes the picture.
+    draw(&mut one, &Camera { position: DVec3::new(-2.0, 0.0, 0.0), ..camera.clone() });
+    for _ in 0..2 {
+        let again = draw(&mut one, &camera);
+        assert_eq!((differing(&again.0, &picture), again.1), (0, report));
+    }
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}

@@ -16,6 +16,8 @@ const MOST_SEARCHED: usize = 1024;
 pub(super) struct Searched {
     camera: Camera,
     background: Background,
+    /// Hidden groups are drawn coarser.
+    has_hidden: bool,
     limit: f32,
     psnr: SampledPsnr,
 }
@@ -57,31 +59,59 @@ impl Renderer {
         self.choice.options = Options { lod_error: limit as f32, lod_psnr: 0.0, ..self.choice.options };
     }
 
+    /// Chooses the levels of the next frame: its error limit, and what is hidden in it. Returns the estimate of its PSNR
+    /// if one is asked for, and the GPU time of a first picture, ms. See [`Renderer::find_hidden`].
+    pub(super) fn choose_levels(
+        &mut self,
+        (camera, background): (&Camera, Background),
+        may_be_used: bool,
+    ) -> Result<(Option<SampledPsnr>, f64)> {
+        let mut sampled = self.keep_psnr(camera, background, false)?;
+        let first_picture_ms = self.find_hidden(camera, background, may_be_used)?;
+        // Hidden groups are coarser then, and what reaches out of them is seen.
+        if sampled.is_some() && !self.finds_hidden && self.has_hidden(camera) {
+            sampled = self.keep_psnr(camera, background, true)?;
+        }
+        // A splat budget may raise the limit.
+        Ok((sampled.filter(|_| self.options.splats == 0), first_picture_ms))
+    }
+
     /// Sets the error limit of the next frame to the largest that keeps the PSNR of the options, and returns the
-    /// estimate. Frames that follow a prediction have none.
-    pub(super) fn keep_psnr(&mut self, camera: &Camera, background: Background) -> Result<Option<SampledPsnr>> {
+    /// estimate. Frames that follow a prediction have none. Unless the picture `has_hidden`, nothing is hidden in it.
+    fn keep_psnr(&mut self, camera: &Camera, background: Background, has_hidden: bool) -> Result<Option<SampledPsnr>> {
         let wanted = self.options.lod_psnr;
         if wanted == 0.0 || self.is_finest || !self.scene.has_lod() || self.follows_prediction {
             return Ok(None);
         }
-        let is_known = |known: &&Searched| known.camera == *camera && known.background == background;
+        let is_known = |known: &&Searched| {
+            known.camera == *camera && known.background == background && known.has_hidden == has_hidden
+        };
         let (limit, psnr) = match self.searched.iter().find(is_known) {
             Some(known) => (known.limit, known.psnr),
             None => {
-                let found = self.sampler()?.search(camera, background, wanted.into(), PATCHES)?;
+                self.sampler()?;
+                let sampler = self.sampler.as_mut().expect("it was made");
+                sampler.share_occlusion(self.choice.occlusion().filter(|_| has_hidden).as_deref());
+                let most = has_hidden.then_some(self.choice.options.lod_error.into());
+                let found = sampler.search((camera, background), (wanted.into(), most), PATCHES)?;
                 self.spare_memory()?;
                 let (limit, psnr) = found;
                 if self.searched.len() == MOST_SEARCHED {
                     self.searched.clear();
                 }
-                self.searched.push(Searched { camera: camera.clone(), background, limit, psnr });
+                self.searched.push(Searched { camera: camera.clone(), background, has_hidden, limit, psnr });
                 found
             }
         };
         self.choice.options = Options { lod_error: limit, lod_psnr: 0.0, ..self.choice.options };
-        // A splat budget may have raised the limit, and the search does not know what is hidden.
-        let is_of_picture = self.options.splats == 0 && !self.options.simplifies_hidden();
-        Ok(Some(psnr).filter(|_| is_of_picture))
+        Ok(Some(psnr))
+    }
+
+    /// True if the next frame takes the stop depths of this view.
+    fn has_hidden(&mut self, camera: &Camera) -> bool {
+        let options = self.choice.options;
+        let drawn = camera.sampled(options.drawn_size(camera.size_px));
+        self.choice.occlusion().is_some_and(|occlusion| occlusion.is_of(&drawn, &options, true))
     }
 
     /// Draws a first picture, whose stop depths the next one takes, if the options ask for that and frames wait for
@@ -140,8 +170,7 @@ impl Renderer {
         patches: u32,
     ) -> Result<PsnrMeasurement> {
         self.refused(camera, None).map_or(Ok(()), Err)?;
-        self.keep_psnr(camera, background)?;
-        self.find_hidden(camera, background, true)?;
+        self.choose_levels((camera, background), true)?;
         Ok(PsnrMeasurement::new(&self.scene, &self.choice.options, (camera, background), patches))
     }
 

@@ -370,8 +370,7 @@ impl Renderer {
         }
         let unit = if self.band.is_some() { self.band_rows(camera) } else { 1 };
         ensure!(band.is_of(camera.size_px, unit), "a picture of {:?} has no {band:?}", camera.size_px);
-        let sampled = self.keep_psnr(camera, background)?;
-        let first_picture_ms = self.find_hidden(camera, background, false)?;
+        let (sampled, first_picture_ms) = self.choose_levels((camera, background), false)?;
         match self.fit_images(camera.size_px, band) {
             Err(error) if error.is::<OutOfMemory>() => {
                 // Images precede lists, which slabs can divide.

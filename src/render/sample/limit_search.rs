@@ -21,6 +21,8 @@ const NEAR_DB: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub struct LimitSearch {
     wanted: f64,
+    /// The logarithm of the largest limit to try.
+    highest: f64,
     /// The logarithms of the highest limit that is known to keep the PSNR and of the lowest that does not, with the
     /// surplus.
     good: Option<(f64, f64, SampledPsnr)>,
@@ -45,7 +47,14 @@ impl LimitSearch {
     /// A search that begins with the limit `first`, for a PSNR in dB.
     pub fn new(wanted: f64, first: f64) -> Self {
         let [lowest, highest] = LIMITS.map(f64::ln);
-        Self { wanted, good: None, bad: None, stride: 1.0, at: first.ln().clamp(lowest, highest) }
+        Self { wanted, highest, good: None, bad: None, stride: 1.0, at: first.ln().clamp(lowest, highest) }
+    }
+
+    /// The search without limits above `most`.
+    #[must_use]
+    pub fn up_to(self, most: f64) -> Self {
+        let highest = most.ln().clamp(LIMITS[0].ln(), self.highest);
+        Self { highest, at: self.at.min(highest), ..self }
     }
 
     /// The limit to try.
@@ -56,7 +65,7 @@ impl LimitSearch {
     /// Takes the estimate of the picture by [`LimitSearch::limit`].
     pub fn step(&mut self, estimate: SampledPsnr) -> Step {
         const DECADE: f64 = std::f64::consts::LN_10;
-        let ([lowest, highest], at) = (LIMITS.map(f64::ln), self.at);
+        let (lowest, highest, at) = (LIMITS[0].ln(), self.highest, self.at);
         let surplus = estimate.surplus(self.wanted);
         if surplus >= 0.0 {
             self.good = Some((at, surplus, estimate));
@@ -137,6 +146,16 @@ mod tests {
         let (limit, found) = found.unwrap();
         assert!((17.0 / RESOLUTION..17.0).contains(&limit) && found.surplus(40.0) > 9.0, "{limit}, {found:?}");
         assert!(pictures <= 16, "{pictures}");
+    }
+
+    #[test]
+    fn no_limit_above_the_largest_is_tried() {
+        let mut search = LimitSearch::new(40.0, 8.0).up_to(3.0);
+        assert!((search.limit() - 3.0).abs() < 1e-9);
+        let good = estimate(3.0, 1.0);
+        assert!(matches!(search.clone().step(good), Step::Found(limit, found) if limit < 3.01 && found == good));
+        assert!(matches!(search.step(estimate(1e3, 1.0)), Step::Try(limit) if limit < 3.0));
+        assert_eq!(LimitSearch::new(40.0, 8.0).up_to(0.0).step(estimate(1e3, 1.0)), Step::AllGaussians);
     }
 
     #[test]

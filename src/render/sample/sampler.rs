@@ -98,24 +98,24 @@ impl LevelSampler {
 
     /// The largest error limit with which the estimate is at least `psnr` dB by one standard error, and that estimate.
     /// The limit is that of [`Options::lod_error`]; pictures that no limit suits are drawn with all Gaussians. The
-    /// estimate is from about `patches` patches, and from more where its standard error is large.
+    /// estimate is from about `patches` patches, and from more where its standard error is large. No limit above `most`
+    /// is tried.
     ///
     /// # Errors
     /// As [`LevelSampler::go_on`].
     pub fn search(
         &mut self,
-        camera: &Camera,
-        background: Background,
-        psnr: f64,
+        (camera, background): (&Camera, Background),
+        (psnr, most): (f64, Option<f64>),
         mut patches: u32,
     ) -> Result<(f32, SampledPsnr)> {
         let camera = drawn_camera(&self.options, camera);
-        self.share_occlusion(None);
         let touched = touched_patches(&self.scene, &camera, &self.options);
-        let mut first = FIRST_LIMIT;
+        let mut first = most.unwrap_or(FIRST_LIMIT);
         loop {
             let sample = Sample::of(&camera, &touched, patches);
-            let (limit, found) = self.search_on(&sample, (&camera, background), LimitSearch::new(psnr, first))?;
+            let search = LimitSearch::new(psnr, first).up_to(most.unwrap_or(f64::INFINITY));
+            let (limit, found) = self.search_on(&sample, (&camera, background), search)?;
             let [drawn, all] = found.patches;
             // A few patches then hold most of the error, and others like them may have been missed.
             if drawn == all || found.standard_error_db() <= MOST_ERROR_DB {
