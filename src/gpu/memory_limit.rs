@@ -81,6 +81,20 @@ impl Device {
         Ok(self)
     }
 
+    /// Limits the device memory of this program to `bytes` in addition to what the driver takes, so that tests with
+    /// small limits run on every device.
+    ///
+    /// # Errors
+    /// If the allocator cannot be made.
+    ///
+    /// # Panics
+    /// As [`Device::with_memory_limit`].
+    #[doc(hidden)]
+    pub fn with_small_limit(self, bytes: u64) -> Result<Self> {
+        let driver = self.0.driver_budget().map_or(0, |(_, used)| used);
+        self.with_memory_limit(Some(driver + bytes))
+    }
+
     /// The use of the memory of the device.
     pub fn memory(&self) -> MemoryUse {
         let budget = &self.0.budget;

@@ -156,7 +156,7 @@ fn pages(has_levels: bool) -> Arc<PageFile> {
 #[test]
 fn bands_of_pages_levels_and_slabs_have_the_bits_of_the_whole_picture() {
     let _turn = Gpu::new();
-    let device = open(Validation::Required).with_memory_limit(Some(54 << 20)).unwrap();
+    let device = open(Validation::Required).with_small_limit(54 << 20).unwrap();
     let camera = view([120, 200]);
     let mut drawn_in_slabs = false;
     for has_levels in [false, true] {

@@ -80,7 +80,7 @@ fn the_estimate_of_all_patches_is_the_measured_psnr() {
 fn memory_and_steps_change_no_estimate() {
     let gpu = Gpu::own();
     let (file, camera) = (file(40_000), view(0, [192, 160]));
-    let small = open(Validation::Required).with_memory_limit(Some(54 << 20)).unwrap();
+    let small = open(Validation::Required).with_small_limit(54 << 20).unwrap();
     let by_error = Options { lod_error: 100.0, ..Options::BALANCED };
     let by_psnr = Options { lod_psnr: 40.0, ..Options::BALANCED };
     for options in [by_error, by_psnr] {

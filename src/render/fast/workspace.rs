@@ -228,7 +228,7 @@ mod tests {
     fn where_merges_in_pairs_have_no_room_all_runs_are_merged_at_once() {
         let open =
             || Device::open(&DeviceChoice::Best, Validation::IfInstalled).expect("GPU tests need a Vulkan device");
-        let device = open().with_memory_limit(Some(90 << 20)).unwrap();
+        let device = open().with_small_limit(90 << 20).unwrap();
         let mut work = FastWorkspace::new(&device, Capacity::default(), 2).unwrap();
         let demand = |listed| Capacity { gaussians: 1000, visible: 1000, spans: 1000, listed, cells: 10 };
         work.grow(&device, demand(1_000_000), 20_000).unwrap();

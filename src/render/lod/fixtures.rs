@@ -98,10 +98,8 @@ pub(crate) fn open(limit: Option<u64>) -> Device {
         device.keep_pipelines();
         device
     });
-    if limit.is_none() {
-        return UNLIMITED.clone();
-    }
-    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap().with_memory_limit(limit).unwrap();
+    let Some(limit) = limit else { return UNLIMITED.clone() };
+    let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap().with_small_limit(limit).unwrap();
     device.keep_pipelines();
     device
 }
