@@ -13,6 +13,13 @@ pub fn run(arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> Output {
     command.output().expect("the program starts")
 }
 
+/// Runs the program with these limits of `ulimit`. A limit of processor time (`-t`, seconds) does not depend on what
+/// else runs.
+pub fn limited(limits: &str, arguments: &[&str]) -> Output {
+    let script = format!("ulimit {limits}; exec \"$0\" \"$@\"");
+    Command::new("bash").args(["-c", &script, env!("CARGO_BIN_EXE_smalto")]).args(arguments).output().unwrap()
+}
+
 /// Succeeds, and returns what it printed.
 pub fn ok(arguments: &[&str]) -> String {
     let output = smalto(arguments);

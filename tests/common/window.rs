@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -87,15 +87,18 @@ impl<'a> Viewer<'a> {
     pub fn next(&mut self, kind: &str) -> Value {
         let begun = Instant::now();
         loop {
-            self.seen.extend(self.events.try_iter());
+            let mut newest = self.events.try_recv();
+            while let Ok(event) = newest {
+                self.seen.push(event);
+                newest = self.events.try_recv();
+            }
             let first = self.read.get(kind).copied().unwrap_or(0);
             let place = self.seen[first..].iter().position(|event| event["event"] == kind);
             if let Some(place) = place {
                 self.read.insert(kind.to_owned(), first + place + 1);
                 return self.seen[first + place].clone();
             }
-            let status = self.child.try_wait().unwrap();
-            assert!(status.is_none() || begun.elapsed() < Duration::from_secs(2), "it ended before it told {kind}");
+            assert!(newest != Err(TryRecvError::Disconnected), "it ended before it told {kind}");
             assert!(begun.elapsed() < PATIENCE, "it never told {kind}");
             std::thread::sleep(Duration::from_millis(5));
         }

@@ -3,7 +3,6 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
@@ -107,7 +106,6 @@ fn what_gltf_requires_is_there_or_refused() {
 /// Opening a FIFO waits for its other end, and a device may never end: both are refused at once.
 #[test]
 fn fifos_and_devices_that_a_scene_names_are_refused_at_once() {
-    let started = Instant::now();
     let text = Text::new();
     let buffer = text.folder.path().join("s.bin");
     let gltf = text.with(&[("/buffers/0/uri", "s.bin".into())]);
@@ -158,8 +156,6 @@ fn fifos_and_devices_that_a_scene_names_are_refused_at_once() {
         let problem = format!("{:#}", camera::read(&path).unwrap_err());
         assert!(problem.contains("is not a file"), "{problem}");
     }
-    let took = started.elapsed();
-    assert!(took < Duration::from_secs(5), "{took:?}");
 }
 
 /// A model folder of the original, its `point_cloud`, and an iteration are the scene of that iteration.

@@ -27,6 +27,17 @@ pub struct LevelSampler {
     scene: GpuScene,
     choice: PathChoice,
     image: Image,
+    /// Those of the last search. A search with hidden groups follows on one without.
+    exact: Option<ExactPatches>,
+}
+
+/// The pixels of a sample's patches, drawn with all Gaussians.
+struct ExactPatches {
+    camera: Camera,
+    background: Background,
+    /// The number of patches that was asked for.
+    patches: u32,
+    pixels: Vec<[f32; 4]>,
 }
 
 /// A measurement of the PSNR of a picture that may be interrupted between its strata.
@@ -70,6 +81,7 @@ impl LevelSampler {
             scene: scene.clone(),
             choice: choose(device, options, scene, Variation::Plain)?,
             image: Image::new(device, "patches", 1, 1)?,
+            exact: None,
         })
     }
 
@@ -115,7 +127,19 @@ impl LevelSampler {
         loop {
             let sample = Sample::of(&camera, &touched, patches);
             let search = LimitSearch::new(psnr, first).up_to(most.unwrap_or(f64::INFINITY));
-            let (limit, found) = self.search_on(&sample, (&camera, background), search)?;
+            let is_of = |known: &ExactPatches| {
+                known.camera == camera && known.background == background && known.patches == patches
+            };
+            let exact = match self.exact.take().filter(is_of) {
+                Some(known) => known,
+                None => {
+                    let all = sample.patches(0..sample.strata());
+                    let pixels = self.pixels((&camera, background), &all, self.options.finest())?;
+                    ExactPatches { camera: camera.clone(), background, patches, pixels }
+                }
+            };
+            let (limit, found) = self.search_on(&sample, &exact, search)?;
+            self.exact = Some(exact).filter(|_| self.options.simplifies_hidden());
             let [drawn, all] = found.patches;
             // A few patches then hold most of the error, and others like them may have been missed.
             if drawn == all || found.standard_error_db() <= MOST_ERROR_DB {
@@ -129,21 +153,19 @@ impl LevelSampler {
     fn search_on(
         &mut self,
         sample: &Sample,
-        view: (&Camera, Background),
+        ExactPatches { camera, background, pixels: exact, .. }: &ExactPatches,
         mut search: LimitSearch,
     ) -> Result<(f64, SampledPsnr)> {
         let all = 0..sample.strata();
         let patches = sample.patches(all.clone());
-        let finest = self.options.finest();
-        let exact = self.pixels(view, &patches, finest)?;
-        let estimate = |shown: &[[f32; 4]]| sample.estimate(&sample.errors(all.clone(), shown, &exact));
+        let estimate = |shown: &[[f32; 4]]| sample.estimate(&sample.errors(all.clone(), shown, exact));
         loop {
             let lod_error = search.limit() as f32;
             let levels = Options { lod_error, lod_psnr: 0.0, splats: 0, ..self.options };
-            match search.step(estimate(&self.pixels(view, &patches, levels)?)) {
+            match search.step(estimate(&self.pixels((camera, *background), &patches, levels)?)) {
                 Step::Try(_) => {}
                 Step::Found(limit, found) => return Ok((limit, found)),
-                Step::AllGaussians => return Ok((finest.lod_error.into(), estimate(&exact))),
+                Step::AllGaussians => return Ok((self.options.finest().lod_error.into(), estimate(exact))),
             }
         }
     }
@@ -182,11 +204,12 @@ impl LevelSampler {
         Ok(all)
     }
 
-    /// Frees the buffers of the lists.
+    /// Frees the buffers of the lists, and the pixels of the last search.
     ///
     /// # Errors
     /// If the device is lost.
     pub fn release(&mut self) -> Result<()> {
+        self.exact = None;
         self.choice.release(&self.device)
     }
 
