@@ -85,7 +85,7 @@ impl Device {
     /// small limits run on every device.
     ///
     /// # Errors
-    /// If the allocator cannot be made.
+    /// As [`Device::with_memory_limit`].
     ///
     /// # Panics
     /// As [`Device::with_memory_limit`].

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::program::{fails, limited, path, run};
+use crate::common::program::{fails, fails_within, path, run};
 
 const BIN: &str = env!("CARGO_BIN_EXE_smalto");
 
@@ -76,9 +76,7 @@ fn files_beside_a_scene_are_not_read_if_they_are_huge() {
         ["render", "cactus:10", "-o", &out, "--place", &huge],
         ["bench", "cactus:10", "--size", "8x8", "--baseline", &huge],
     ] {
-        let output = limited("-t 10", &arguments);
-        let error = error_of(&output);
-        assert_eq!(output.status.code(), Some(4), "{error}");
+        let error = fails_within("-t 10", 4, &arguments);
         assert!(error.contains("huge.json: has 10737418240 bytes, at most 268435456 are read"), "{error}");
     }
 }

@@ -8,7 +8,7 @@ use flate2::{Compression, write::GzEncoder};
 use serde_json::{Value, json};
 
 use crate::common::Random;
-use crate::common::program::{fails, limited, ok, path, run, smalto};
+use crate::common::program::{fails, fails_within, ok, path, run, smalto};
 use crate::common::table::fixture;
 
 fn fixture_text(name: &str) -> String {
@@ -171,9 +171,7 @@ fn files_of_too_many_gaussians_are_exit_code_5_at_once() {
     fs::write(&zstd, bytes).unwrap();
     for file in [&gzip, &zstd] {
         // 4 GB of address space.
-        let output = limited("-v 4000000 -t 5", &["info", file]);
-        let error = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(5), "{file}: {error}");
+        let error = fails_within("-v 4000000 -t 5", 5, &["info", file]);
         assert_eq!(error.lines().count(), 1, "{error}");
     }
 }
@@ -187,9 +185,7 @@ fn streams_beyond_their_content_are_refused() {
     let file = path(&folder, "a.spz");
     fs::write(&file, bytes).unwrap();
     File::options().write(true).open(&file).unwrap().set_len(5_000_000_000).unwrap();
-    let output = limited("-t 2", &["info", &file]);
-    let error = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(4), "{error}");
+    let error = fails_within("-v 4000000 -t 2", 4, &["info", &file]);
     assert!(error.contains("the stream of the positions takes 4500000000 bytes"), "{error}");
 }
 
@@ -198,8 +194,7 @@ fn a_procedural_scene_that_the_device_cannot_hold_is_refused_before_it_is_made()
     let limit = 1 << 27; // bytes of a buffer on llvmpipe
     let is_small = std::env::var("SMALTO_DEVICE").is_ok_and(|name| name == "llvmpipe");
     // Without room on the host either: who holds the scene on the device fails to make it.
-    let output = limited("-v 4000000", &["render", "many-small:200000000", "--size", "16x16", "-o", "none.png"]);
-    let error = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(5), "{error}");
+    let render = ["render", "many-small:200000000", "--size", "16x16", "-o", "none.png"];
+    let error = fails_within("-v 4000000", 5, &render);
     assert!(!is_small || error.contains(&format!("reaches at most {limit} bytes of a buffer")), "{error}");
 }

@@ -8,16 +8,13 @@ pub fn smalto(arguments: &[&str]) -> Output {
 
 pub fn run(arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
-    command.args(arguments).env("SMALTO_VALIDATION", "1").env("XDG_CACHE_HOME", env!("CARGO_TARGET_TMPDIR"));
+    set(&mut command, arguments);
     prepare(&mut command);
     command.output().expect("the program starts")
 }
 
-/// Runs the program with these limits of `ulimit`. A limit of processor time (`-t`, seconds) does not depend on what
-/// else runs.
-pub fn limited(limits: &str, arguments: &[&str]) -> Output {
-    let script = format!("ulimit {limits}; exec \"$0\" \"$@\"");
-    Command::new("bash").args(["-c", &script, env!("CARGO_BIN_EXE_smalto")]).args(arguments).output().unwrap()
+fn set(command: &mut Command, arguments: &[&str]) {
+    command.args(arguments).env("SMALTO_VALIDATION", "1").env("XDG_CACHE_HOME", env!("CARGO_TARGET_TMPDIR"));
 }
 
 /// Succeeds, and returns what it printed.
@@ -30,7 +27,19 @@ pub fn ok(arguments: &[&str]) -> String {
 
 /// Fails with this exit code; returns its sentence.
 pub fn fails(code: i32, arguments: &[&str]) -> String {
-    let output = smalto(arguments);
+    failed(smalto(arguments), code, arguments)
+}
+
+/// As [`fails`], within these limits of `ulimit`. Processor time (`-t`, seconds) hardly depends on what else runs.
+pub fn fails_within(limits: &str, code: i32, arguments: &[&str]) -> String {
+    let script = format!("ulimit {limits}; exec \"$0\" \"$@\"");
+    let mut command = Command::new("bash");
+    command.args(["-c", &script, env!("CARGO_BIN_EXE_smalto")]);
+    set(&mut command, arguments);
+    failed(command.output().expect("bash starts"), code, arguments)
+}
+
+fn failed(output: Output, code: i32, arguments: &[&str]) -> String {
     let error = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(code), "{arguments:?}: {error}");
     assert!(!error.contains("panicked"), "{error}");

@@ -54,7 +54,7 @@ pub(super) struct Run<'p> {
     /// Bytes of the pixels of the largest view on their way to files, and of its image.
     host_bytes: u64,
     image_bytes: u64,
-    /// The device that hands on the view after so many is lost, for tests.
+    /// Views of all devices until one of these is lost, for tests.
     fault: Option<AtomicUsize>,
 }
 
@@ -294,7 +294,8 @@ impl<'r, 'p> Worker<'r, 'p> {
         Ok(true)
     }
 
-    /// Counts the views of all devices, so that one is lost whichever is slower. After the loss the count wraps around.
+    /// Counts the views of all devices, so that a device is lost even if the other one draws most views. After the loss
+    /// the count wraps around.
     fn check_fault(&self) -> Result<()> {
         let left = self.run.fault.as_ref().map(|views| views.fetch_sub(1, Ordering::Relaxed));
         ensure!(left != Some(0), DeviceLost("the GPU was lost: SMALTO_FAULT simulates it".to_owned()));

@@ -6,20 +6,20 @@ use super::Renderer;
 use crate::camera::Camera;
 use crate::options::Options;
 use crate::render::lod::{Occlusion, SampledPsnr};
-use crate::render::sample::{FIRST_LIMIT, LevelSampler, PATCHES, PsnrMeasurement};
+use crate::render::sample::{FIRST_LIMIT, FoundLimit, LevelSampler, PsnrMeasurement};
 use crate::rules::Background;
 
 /// The most error limits that are kept.
 const MOST_SEARCHED: usize = 1024;
 
-/// The error limit by which the picture of a camera keeps the PSNR of the options.
+/// The error limits by which pictures of a camera keep the PSNR of the options.
 pub(super) struct Searched {
     camera: Camera,
     background: Background,
-    /// Hidden groups are drawn coarser.
-    has_hidden: bool,
-    limit: f32,
-    psnr: SampledPsnr,
+    /// If nothing is hidden.
+    plain: FoundLimit,
+    /// If hidden groups are coarser.
+    with_hidden: Option<FoundLimit>,
 }
 
 impl Renderer {
@@ -66,45 +66,52 @@ impl Renderer {
         (camera, background): (&Camera, Background),
         may_be_used: bool,
     ) -> Result<(Option<SampledPsnr>, f64)> {
-        let mut sampled = self.keep_psnr(camera, background, false)?;
+        let Some(number) = self.find_limit(camera, background)? else {
+            return Ok((None, self.find_hidden(camera, background, may_be_used)?));
+        };
+        let mut found = self.searched[number].plain;
+        self.set_error_limit(found.limit.into());
         let first_picture_ms = self.find_hidden(camera, background, may_be_used)?;
         // Hidden groups are coarser then, and what reaches out of them is seen.
-        if sampled.is_some() && !self.finds_hidden && self.has_hidden(camera) {
-            sampled = self.keep_psnr(camera, background, true)?;
+        if !self.finds_hidden && self.has_hidden(camera) && found.limit > self.options.finest().lod_error {
+            found = match self.searched[number].with_hidden {
+                Some(known) => known,
+                None => self.search((camera, background), Some(found))?,
+            };
+            self.searched[number].with_hidden = Some(found);
+            self.set_error_limit(found.limit.into());
         }
         // A splat budget may raise the limit.
-        Ok((sampled.filter(|_| self.options.splats == 0), first_picture_ms))
+        Ok((Some(found.psnr).filter(|_| self.options.splats == 0), first_picture_ms))
     }
 
-    /// Sets the error limit of the next frame to the largest that keeps the PSNR of the options, and returns the
-    /// estimate. Frames that follow a prediction have none. Unless the picture `has_hidden`, nothing is hidden in it.
-    fn keep_psnr(&mut self, camera: &Camera, background: Background, has_hidden: bool) -> Result<Option<SampledPsnr>> {
-        let wanted = self.options.lod_psnr;
-        if wanted == 0.0 || self.is_finest || !self.scene.has_lod() || self.follows_prediction {
+    /// The number of the largest error limit that keeps the PSNR of the options if nothing is hidden, among those that
+    /// were searched. Frames that follow a prediction have none.
+    fn find_limit(&mut self, camera: &Camera, background: Background) -> Result<Option<usize>> {
+        if self.options.lod_psnr == 0.0 || self.is_finest || !self.scene.has_lod() || self.follows_prediction {
             return Ok(None);
         }
-        let is_known = |known: &&Searched| {
-            known.camera == *camera && known.background == background && known.has_hidden == has_hidden
-        };
-        let (limit, psnr) = match self.searched.iter().find(is_known) {
-            Some(known) => (known.limit, known.psnr),
-            None => {
-                self.sampler()?;
-                let sampler = self.sampler.as_mut().expect("it was made");
-                sampler.share_occlusion(self.choice.occlusion().filter(|_| has_hidden).as_deref());
-                let most = has_hidden.then_some(self.choice.options.lod_error.into());
-                let found = sampler.search((camera, background), (wanted.into(), most), PATCHES)?;
-                self.spare_memory()?;
-                let (limit, psnr) = found;
-                if self.searched.len() == MOST_SEARCHED {
-                    self.searched.clear();
-                }
-                self.searched.push(Searched { camera: camera.clone(), background, has_hidden, limit, psnr });
-                found
-            }
-        };
-        self.choice.options = Options { lod_error: limit, lod_psnr: 0.0, ..self.choice.options };
-        Ok(Some(psnr))
+        let is_known = |known: &Searched| known.camera == *camera && known.background == background;
+        if let Some(number) = self.searched.iter().position(is_known) {
+            return Ok(Some(number));
+        }
+        let plain = self.search((camera, background), None)?;
+        if self.searched.len() == MOST_SEARCHED {
+            self.searched.clear();
+        }
+        self.searched.push(Searched { camera: camera.clone(), background, plain, with_hidden: None });
+        Ok(Some(self.searched.len() - 1))
+    }
+
+    /// Searches the limit; with hidden groups, from the limit without.
+    fn search(&mut self, view: (&Camera, Background), from: Option<FoundLimit>) -> Result<FoundLimit> {
+        let wanted = self.options.lod_psnr;
+        self.sampler()?;
+        let sampler = self.sampler.as_mut().expect("it was made");
+        sampler.share_occlusion(self.choice.occlusion().filter(|_| from.is_some()).as_deref());
+        let found = sampler.search(view, wanted.into(), from)?;
+        self.spare_memory()?;
+        Ok(found)
     }
 
     /// True if the next frame takes the stop depths of this view.

@@ -11,8 +11,8 @@ mod sampler;
 mod touched;
 
 pub use limit_search::{FIRST_LIMIT, LimitSearch, Step};
-pub(crate) use sampler::LevelSampler;
 pub use sampler::PsnrMeasurement;
+pub(crate) use sampler::{FoundLimit, LevelSampler};
 
 /// The number of patches on which a PSNR is measured if none is given.
 pub const PATCHES: u32 = 64;

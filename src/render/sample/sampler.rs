@@ -2,6 +2,7 @@
 
 use anyhow::{Result, ensure};
 
+use super::PATCHES;
 use super::estimate::Sample;
 use super::limit_search::{FIRST_LIMIT, LimitSearch, Step};
 use super::touched::touched_patches;
@@ -27,8 +28,18 @@ pub struct LevelSampler {
     scene: GpuScene,
     choice: PathChoice,
     image: Image,
-    /// Those of the last search. A search with hidden groups follows on one without.
+    /// The exact patches of the last search in which nothing is hidden: a search with hidden groups follows.
     exact: Option<ExactPatches>,
+}
+
+/// The result of a search.
+#[derive(Clone, Copy, Debug)]
+pub struct FoundLimit {
+    /// That of [`Options::lod_error`].
+    pub limit: f32,
+    pub psnr: SampledPsnr,
+    /// The number of patches that was asked for last.
+    pub patches: u32,
 }
 
 /// The pixels of a sample's patches, drawn with all Gaussians.
@@ -108,25 +119,25 @@ impl LevelSampler {
         Ok((errors.len() == all).then(|| sample.estimate(errors)))
     }
 
-    /// The largest error limit with which the estimate is at least `psnr` dB by one standard error, and that estimate.
-    /// The limit is that of [`Options::lod_error`]; pictures that no limit suits are drawn with all Gaussians. The
-    /// estimate is from about `patches` patches, and from more where its standard error is large. No limit above `most`
-    /// is tried.
+    /// The largest error limit with which the estimate is at least `psnr` dB by one standard error. Pictures that no
+    /// limit suits are drawn with all Gaussians. The estimate is from about [`PATCHES`] patches, and from more where its
+    /// standard error is large. A search with hidden groups goes on from the result of one without: it tries no larger
+    /// limit, and as many patches.
     ///
     /// # Errors
     /// As [`LevelSampler::go_on`].
     pub fn search(
         &mut self,
         (camera, background): (&Camera, Background),
-        (psnr, most): (f64, Option<f64>),
-        mut patches: u32,
-    ) -> Result<(f32, SampledPsnr)> {
+        psnr: f64,
+        from: Option<FoundLimit>,
+    ) -> Result<FoundLimit> {
         let camera = drawn_camera(&self.options, camera);
         let touched = touched_patches(&self.scene, &camera, &self.options);
-        let mut first = most.unwrap_or(FIRST_LIMIT);
+        let most = from.map_or(f64::INFINITY, |found| found.limit.into());
+        let (mut first, mut patches) = from.map_or((FIRST_LIMIT, PATCHES), |found| (most, found.patches));
         loop {
             let sample = Sample::of(&camera, &touched, patches);
-            let search = LimitSearch::new(psnr, first).up_to(most.unwrap_or(f64::INFINITY));
             let is_of = |known: &ExactPatches| {
                 known.camera == camera && known.background == background && known.patches == patches
             };
@@ -138,12 +149,12 @@ impl LevelSampler {
                     ExactPatches { camera: camera.clone(), background, patches, pixels }
                 }
             };
-            let (limit, found) = self.search_on(&sample, &exact, search)?;
-            self.exact = Some(exact).filter(|_| self.options.simplifies_hidden());
+            let (limit, found) = self.search_on(&sample, &exact, LimitSearch::new(psnr, first).up_to(most))?;
             let [drawn, all] = found.patches;
             // A few patches then hold most of the error, and others like them may have been missed.
             if drawn == all || found.standard_error_db() <= MOST_ERROR_DB {
-                return Ok((limit as f32, found));
+                self.exact = Some(exact).filter(|_| from.is_none() && self.options.simplifies_hidden());
+                return Ok(FoundLimit { limit: limit as f32, psnr: found, patches });
             }
             (first, patches) = (limit, patches.saturating_mul(4));
         }
@@ -204,12 +215,11 @@ impl LevelSampler {
         Ok(all)
     }
 
-    /// Frees the buffers of the lists, and the pixels of the last search.
+    /// Frees the buffers of the lists.
     ///
     /// # Errors
     /// If the device is lost.
     pub fn release(&mut self) -> Result<()> {
-        self.exact = None;
         self.choice.release(&self.device)
     }
 
