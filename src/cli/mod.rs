@@ -110,8 +110,8 @@ scene, camera, image or report file, 5 out of memory, 6 over a threshold, or fil
 
 Environment: SMALTO_DEVICE chooses the device like --device; SMALTO_VALIDATION turns the validation layer on (1) or \
 off (0); SMALTO_FAULT simulates a fault in `view`, or with device@N the loss of the device after N frames of `serve`, \
-or of one device after N views of `render`, or with page@N or slow@MS unreadable pages and slow reads; SMALTO_SHADERS=DIR \
-compiles the shaders in DIR at run time (feature `reload`).
+or of one device after N views of `render`, or with page@N or slow@MS unreadable pages and slow reads; \
+SMALTO_SHADERS=DIR compiles the shaders in DIR at run time (feature `reload`).
 
 TMPDIR is the folder for scenes that come from a pipe, which are copied there, and for outputs to pipes and devices.
 

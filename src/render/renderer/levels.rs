@@ -59,8 +59,8 @@ impl Renderer {
         self.choice.options = Options { lod_error: limit as f32, lod_psnr: 0.0, ..self.choice.options };
     }
 
-    /// Chooses the levels of the next frame: its error limit, and what is hidden in it. Returns the estimate of its PSNR
-    /// if one is asked for, and the GPU time of a first picture, ms. See [`Renderer::find_hidden`].
+    /// Chooses the levels of the next frame: its error limit, and what is hidden in it. Returns the estimate of its
+    /// PSNR if one is asked for, and the GPU time of a first picture, ms. See [`Renderer::find_hidden`].
     pub(super) fn choose_levels(
         &mut self,
         (camera, background): (&Camera, Background),

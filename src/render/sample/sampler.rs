@@ -120,9 +120,9 @@ impl LevelSampler {
     }
 
     /// The largest error limit with which the estimate is at least `psnr` dB by one standard error. Pictures that no
-    /// limit suits are drawn with all Gaussians. The estimate is from about [`PATCHES`] patches, and from more where its
-    /// standard error is large. A search with hidden groups goes on from the result of one without: it tries no larger
-    /// limit, and as many patches.
+    /// limit suits are drawn with all Gaussians. The estimate is from about [`PATCHES`] patches, and from more where
+    /// its standard error is large. A search with hidden groups goes on from the result of one without: it tries no
+    /// larger limit, and begins with as many patches.
     ///
     /// # Errors
     /// As [`LevelSampler::go_on`].
