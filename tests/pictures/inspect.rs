@@ -87,7 +87,7 @@ fn inspect_counts_the_work_of_a_pixel() {
 }
 
 #[test]
-#[ignore = "statistics the captured scenes (SMALTO_TEST_SCENES)"]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
 fn inspect_counts_the_work_of_a_pixel_in_a_captured_scene() {
     check_counts_of_pixels(&captured_case(), [false]);
 }
@@ -130,7 +130,7 @@ fn tile_load_is_the_length_of_the_reference_list() {
 }
 
 #[test]
-#[ignore = "statistics the captured scenes (SMALTO_TEST_SCENES)"]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
 fn tile_load_is_the_length_of_the_reference_list_in_a_captured_scene() {
     check_tile_load(&captured_case());
 }
@@ -209,7 +209,7 @@ fn culling_can_be_frozen_from_another_view() {
 }
 
 #[test]
-#[ignore = "statistics the captured scenes (SMALTO_TEST_SCENES)"]
+#[ignore = "needs the captured scenes (SMALTO_TEST_SCENES)"]
 fn culling_can_be_frozen_from_another_view_in_a_captured_scene() {
     check_frozen_culling(&captured_case());
 }
