@@ -14,6 +14,11 @@ use crate::options::Options;
 use crate::rules::{Background, Footprint, LISTED_ALPHA, Order, Rules, TILE};
 use crate::scene::Bounds;
 
+/// The camera of a picture as it is drawn, before the picture is enlarged.
+pub fn drawn_camera(options: &Options, camera: &Camera) -> Camera {
+    camera.sampled(options.drawn_size(camera.size_px))
+}
+
 /// The scene and the camera of one frame, and the part of the picture that it draws.
 #[derive(Clone, Copy)]
 pub struct Shot<'a> {

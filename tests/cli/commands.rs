@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::common::program::{fails, ok, path, run, smalto};
+use crate::common::program::{fails, fails_within, ok, path, run, smalto};
 use smalto::pixels::Pixels;
 
 fn png(path: impl AsRef<Path>) -> image::DynamicImage {
@@ -365,16 +365,8 @@ fn too_little_memory_is_exit_code_5() {
     let error = fails(5, &["render", "cactus:100", "--size", "4000x4000", "--memory", "40MB"]);
     assert!(error.contains("bytes of"), "{error}");
     // Host memory: 236 bytes a Gaussian of SH degree 3.
-    let output = run(&["info", "cactus:200000000"], limit_memory);
-    assert_eq!(output.status.code(), Some(5), "{}", String::from_utf8_lossy(&output.stderr));
-}
-
-/// 4 GB of address space for the program.
-fn limit_memory(command: &mut Command) {
-    let program = command.get_program().to_owned();
-    let arguments: Vec<_> = command.get_args().map(ToOwned::to_owned).collect();
-    *command = Command::new("sh");
-    command.args(["-c", "ulimit -v 4000000; exec \"$0\" \"$@\""]).arg(program).args(arguments);
+    // 4 GB of address space.
+    fails_within("-v 4000000", 5, &["info", "cactus:200000000"]);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::program::{fails, ok, path, run, smalto};
+use crate::common::program::{fails, limit, ok, path, run, smalto};
 use smalto::formats;
 
 const PLUSH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/plush.ply");
@@ -176,7 +176,7 @@ fn standard_output_and_descriptors_take_pictures_and_scenes() {
 #[test]
 fn a_full_disk_is_one_sentence_and_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let limited = |arguments: &[&str]| shell("ulimit -f 1; exec \"$0\" \"$@\"", arguments);
+    let limited = |arguments: &[&str]| run(arguments, |command| limit(command, "-f 1"));
     let refuses = |out: &str, output: Output| {
         let error = text(&output.stderr);
         let last = error.lines().last().unwrap_or_default();
@@ -214,8 +214,7 @@ fn a_sog_folder_is_replaced_as_a_whole_or_not_at_all() {
     let before: Vec<_> = old.iter().map(content).collect();
     // From no file that fits to all but one.
     for blocks in [0, 4, 9, 11, 12] {
-        let script = format!("ulimit -f {blocks}; exec \"$0\" \"$@\"");
-        let output = shell(&script, &cactus);
+        let output = run(&cactus, |command| limit(command, &format!("-f {blocks}")));
         let error = text(&output.stderr);
         assert!(error.ends_with("File too large\n") && error.lines().count() == 1, "{blocks}: {error}");
         assert_eq!(names(folder.path().join("s")), old);
@@ -238,7 +237,8 @@ fn a_sog_folder_is_replaced_as_a_whole_or_not_at_all() {
     assert_eq!(names(folder.path().join("other")).len(), old.len() + 1);
     // A failure leaves no folder that it made.
     let out = path(&folder, "new/deep/meta.json");
-    assert_eq!(shell("ulimit -f 0; exec \"$0\" \"$@\"", &["convert", PLUSH, &out]).status.code(), Some(1));
+    let output = run(&["convert", PLUSH, &out], |command| limit(command, "-f 0"));
+    assert_eq!(output.status.code(), Some(1));
     assert!(!folder.path().join("new").exists());
 }
 

@@ -8,13 +8,23 @@ pub fn smalto(arguments: &[&str]) -> Output {
 
 pub fn run(arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_smalto"));
-    set(&mut command, arguments);
+    command.args(arguments).env("SMALTO_VALIDATION", "1").env("XDG_CACHE_HOME", env!("CARGO_TARGET_TMPDIR"));
     prepare(&mut command);
     command.output().expect("the program starts")
 }
 
-fn set(command: &mut Command, arguments: &[&str]) {
-    command.args(arguments).env("SMALTO_VALIDATION", "1").env("XDG_CACHE_HOME", env!("CARGO_TARGET_TMPDIR"));
+/// Puts a command with its variables under these limits of `ulimit`.
+pub fn limit(command: &mut Command, limits: &str) {
+    let mut limited = Command::new("bash");
+    limited.args(["-c", &format!("ulimit {limits} && exec \"$0\" \"$@\"")]);
+    limited.arg(command.get_program()).args(command.get_args());
+    for (name, value) in command.get_envs() {
+        match value {
+            Some(value) => limited.env(name, value),
+            None => limited.env_remove(name),
+        };
+    }
+    *command = limited;
 }
 
 /// Succeeds, and returns what it printed.
@@ -32,11 +42,7 @@ pub fn fails(code: i32, arguments: &[&str]) -> String {
 
 /// As [`fails`], within these limits of `ulimit`. Processor time (`-t`, seconds) hardly depends on what else runs.
 pub fn fails_within(limits: &str, code: i32, arguments: &[&str]) -> String {
-    let script = format!("ulimit {limits}; exec \"$0\" \"$@\"");
-    let mut command = Command::new("bash");
-    command.args(["-c", &script, env!("CARGO_BIN_EXE_smalto")]);
-    set(&mut command, arguments);
-    failed(command.output().expect("bash starts"), code, arguments)
+    failed(run(arguments, |command| limit(command, limits)), code, arguments)
 }
 
 fn failed(output: Output, code: i32, arguments: &[&str]) -> String {

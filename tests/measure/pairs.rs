@@ -3,9 +3,8 @@
 use std::fs;
 use std::io::Write;
 use std::path::Path;
-use std::process::Command;
 
-use crate::common::program::{fails, ok, path, smalto};
+use crate::common::program::{fails, limit, ok, path, run, smalto};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use serde_json::Value;
@@ -224,9 +223,7 @@ fn bomb(file: &str, [width, height]: [u32; 2], is_interlaced: bool) {
 
 /// The exit code and the message of the program with at most so many KiB of address space.
 fn limited(kib: u32, arguments: &[&str]) -> (Option<i32>, String) {
-    let mut command = Command::new("sh");
-    command.args(["-c", &format!("ulimit -v {kib} && exec \"$0\" \"$@\""), env!("CARGO_BIN_EXE_smalto")]);
-    let output = command.args(arguments).output().unwrap();
+    let output = run(arguments, |command| limit(command, &format!("-v {kib}")));
     (output.status.code(), String::from_utf8(output.stderr).unwrap())
 }
 

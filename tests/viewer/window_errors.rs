@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::common::Turn;
 use crate::common::desktop::Desktop;
-use crate::common::program::path;
+use crate::common::program::{limit, path};
 use crate::common::window::{Viewer, view};
 
 use super::window::{MIDDLE, SMALL, equals_render};
@@ -68,18 +68,7 @@ fn too_little_memory_is_a_message() {
 
 /// 6 GB of address space for the program: it asks for 47, which some systems would promise.
 fn limit_memory(command: &mut Command) {
-    let program = command.get_program().to_owned();
-    let arguments: Vec<_> = command.get_args().map(ToOwned::to_owned).collect();
-    let variables: Vec<_> =
-        command.get_envs().map(|(name, value)| (name.to_owned(), value.map(ToOwned::to_owned))).collect();
-    *command = Command::new("sh");
-    command.args(["-c", "ulimit -v 6000000; exec \"$0\" \"$@\""]).arg(program).args(arguments);
-    for (name, value) in variables {
-        match value {
-            Some(value) => command.env(name, value),
-            None => command.env_remove(name),
-        };
-    }
+    limit(command, "-v 6000000");
 }
 
 #[test]

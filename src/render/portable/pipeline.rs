@@ -13,7 +13,7 @@ use crate::options::Options;
 use crate::packing::Layout;
 use crate::render::constants::{are_drawn_alike, shared};
 use crate::render::frame::{
-    DepthKeys, Shot, SubgroupLimits, Target, Variation, footprint_code, tile_bits, tiles, view,
+    DepthKeys, Shot, SubgroupLimits, Target, Variation, drawn_camera, footprint_code, tile_bits, tiles, view,
 };
 use crate::render::scene::GpuScene;
 use crate::render::shaders::portable::*;
@@ -113,7 +113,7 @@ impl PortablePipeline {
 
     /// The view of a camera at the size at which its pictures are drawn.
     pub(in crate::render) fn sampled_view(&self, camera: &Camera) -> View {
-        self.view(&camera.sampled(self.options.drawn_size(camera.size_px)))
+        self.view(&drawn_camera(&self.options, camera))
     }
 
     /// Records one frame: `target` shows `shot` if the capacity of `work` and the blend dispatches (`passes`) were

@@ -5,6 +5,7 @@ use anyhow::Result;
 use super::Renderer;
 use crate::camera::Camera;
 use crate::options::Options;
+use crate::render::frame::drawn_camera;
 use crate::render::lod::{Occlusion, SampledPsnr};
 use crate::render::sample::{FIRST_LIMIT, FoundLimit, LevelSampler, PsnrMeasurement};
 use crate::rules::Background;
@@ -106,10 +107,7 @@ impl Renderer {
     /// Searches the limit; with hidden groups, from the limit without.
     fn search(&mut self, view: (&Camera, Background), from: Option<FoundLimit>) -> Result<FoundLimit> {
         let wanted = self.options.lod_psnr;
-        self.sampler()?;
-        let sampler = self.sampler.as_mut().expect("it was made");
-        sampler.share_occlusion(self.choice.occlusion().filter(|_| from.is_some()).as_deref());
-        let found = sampler.search(view, wanted.into(), from)?;
+        let found = self.sampler(from.is_some())?.search(view, wanted.into(), from)?;
         self.spare_memory()?;
         Ok(found)
     }
@@ -117,7 +115,7 @@ impl Renderer {
     /// True if the next frame takes the stop depths of this view.
     fn has_hidden(&mut self, camera: &Camera) -> bool {
         let options = self.choice.options;
-        let drawn = camera.sampled(options.drawn_size(camera.size_px));
+        let drawn = drawn_camera(&options, camera);
         self.choice.occlusion().is_some_and(|occlusion| occlusion.is_of(&drawn, &options, true))
     }
 
@@ -129,7 +127,7 @@ impl Renderer {
         if !options.simplifies_hidden() || self.choice.streamer.is_some() || self.finds_hidden {
             return Ok(0.0);
         }
-        let drawn = camera.sampled(options.drawn_size(camera.size_px));
+        let drawn = drawn_camera(&options, camera);
         let Some(occlusion) = self.choice.occlusion() else { return Ok(0.0) };
         if occlusion.is_of(&drawn, &options, may_be_used) {
             return Ok(0.0);
@@ -194,10 +192,7 @@ impl Renderer {
     /// As [`Renderer::sample_psnr`].
     #[doc(hidden)]
     pub fn go_on_measuring(&mut self, measurement: &mut PsnrMeasurement, strata: usize) -> Result<Option<SampledPsnr>> {
-        self.sampler()?;
-        let sampler = self.sampler.as_mut().expect("it was made");
-        sampler.share_occlusion(self.choice.occlusion().as_deref());
-        sampler.go_on(measurement, strata)
+        self.sampler(true)?.go_on(measurement, strata)
     }
 
     /// Frees the lists of patches where memory is limited: the lists of pictures take it.
@@ -208,10 +203,13 @@ impl Renderer {
         }
     }
 
-    fn sampler(&mut self) -> Result<&mut LevelSampler> {
+    /// The sampler, which takes the stop depths of pictures, or none.
+    fn sampler(&mut self, takes_stop_depths: bool) -> Result<&mut LevelSampler> {
         if self.sampler.is_none() {
             self.sampler = Some(LevelSampler::new(&self.device, &self.options, &self.scene)?);
         }
-        Ok(self.sampler.as_mut().expect("it was made"))
+        let sampler = self.sampler.as_mut().expect("it was made");
+        sampler.share_occlusion(self.choice.occlusion().filter(|_| takes_stop_depths).as_deref());
+        Ok(sampler)
     }
 }

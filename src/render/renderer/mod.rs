@@ -29,7 +29,7 @@ use crate::pixels::Pixels;
 use crate::render::band::Band;
 use crate::render::capacity::{Capacity, MAX_ATTEMPTS};
 use crate::render::constants::are_drawn_alike;
-use crate::render::frame::{Shot, Target, Variation};
+use crate::render::frame::{Shot, Target, Variation, drawn_camera};
 use crate::render::inspect::{Inspection, Inspector, Look, Picker, Picture, Work};
 use crate::render::lod::Occlusion;
 use crate::render::path::{Limits, Path};
@@ -382,7 +382,7 @@ impl Renderer {
         }
         let number = self.last.as_ref().map_or(0, |last| last.number + 1);
         self.last = Some(Last { number, camera: camera.clone(), background, has_tile_lists: false });
-        let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
+        let camera = &drawn_camera(&self.options, camera);
         let band = if self.band.is_some() { band } else { Band::whole(camera.size_px) };
         let inspector = inspector.or(self.inspector.as_ref());
         let attribute = inspector.and_then(|inspector| self.shown_in_pages(&inspector.inspection));

@@ -3,7 +3,7 @@
 use super::Renderer;
 use crate::camera::Camera;
 use crate::gpu::{MemoryUse, Results};
-use crate::render::frame::Shot;
+use crate::render::frame::{Shot, drawn_camera};
 use crate::render::lod::LodReport;
 use crate::render::recorded::Recorded;
 use crate::render::sample::LevelSampler;
@@ -16,7 +16,7 @@ impl Renderer {
     /// `totals`.
     #[doc(hidden)]
     pub fn least_bytes(&self, totals: &Totals, camera: &Camera) -> Vec<(&'static str, u64)> {
-        let camera = &camera.sampled(self.options.drawn_size(camera.size_px));
+        let camera = &drawn_camera(&self.options, camera);
         let mut stages = self.choice.least_bytes(self.drawn.path, Shot::new(&self.scene, camera), totals);
         if self.upscaler.is_some() {
             let pixels = |size: [u32; 2]| size.iter().map(|side| u64::from(*side)).product::<u64>();

@@ -10,7 +10,7 @@ use crate::camera::Camera;
 use crate::gpu::{Access, Commands, Device, Image};
 use crate::options::Options;
 use crate::render::band::{BAND_ROWS, Band};
-use crate::render::frame::{Shot, Target, Variation};
+use crate::render::frame::{Shot, Target, Variation, drawn_camera};
 use crate::render::lod::{Occlusion, SampledPsnr};
 use crate::render::patches::Patches;
 use crate::render::path::Path;
@@ -42,12 +42,13 @@ pub struct FoundLimit {
     pub patches: u32,
 }
 
-/// The pixels of a sample's patches, drawn with all Gaussians.
+/// A sample of a view, and the pixels of its patches, drawn with all Gaussians.
 struct ExactPatches {
     camera: Camera,
     background: Background,
     /// The number of patches that was asked for.
-    patches: u32,
+    asked: u32,
+    sample: Sample,
     pixels: Vec<[f32; 4]>,
 }
 
@@ -69,11 +70,6 @@ impl PsnrMeasurement {
         let sample = Sample::of(&drawn, &touched_patches(scene, &drawn, levels), patches);
         Self { levels: *levels, camera: camera.clone(), background, sample, errors: Vec::new() }
     }
-}
-
-/// The camera of a picture as it is drawn, before it is enlarged.
-fn drawn_camera(options: &Options, camera: &Camera) -> Camera {
-    camera.sampled(options.drawn_size(camera.size_px))
 }
 
 /// The largest standard error of a PSNR that a search accepts if more patches can be drawn, dB.
@@ -133,23 +129,11 @@ impl LevelSampler {
         from: Option<FoundLimit>,
     ) -> Result<FoundLimit> {
         let camera = drawn_camera(&self.options, camera);
-        let touched = touched_patches(&self.scene, &camera, &self.options);
         let most = from.map_or(f64::INFINITY, |found| found.limit.into());
         let (mut first, mut patches) = from.map_or((FIRST_LIMIT, PATCHES), |found| (most, found.patches));
         loop {
-            let sample = Sample::of(&camera, &touched, patches);
-            let is_of = |known: &ExactPatches| {
-                known.camera == camera && known.background == background && known.patches == patches
-            };
-            let exact = match self.exact.take().filter(is_of) {
-                Some(known) => known,
-                None => {
-                    let all = sample.patches(0..sample.strata());
-                    let pixels = self.pixels((&camera, background), &all, self.options.finest())?;
-                    ExactPatches { camera: camera.clone(), background, patches, pixels }
-                }
-            };
-            let (limit, found) = self.search_on(&sample, &exact, LimitSearch::new(psnr, first).up_to(most))?;
+            let exact = self.exact_patches((&camera, background), patches)?;
+            let (limit, found) = self.search_on(&exact, LimitSearch::new(psnr, first).up_to(most))?;
             let [drawn, all] = found.patches;
             // A few patches then hold most of the error, and others like them may have been missed.
             if drawn == all || found.standard_error_db() <= MOST_ERROR_DB {
@@ -160,23 +144,32 @@ impl LevelSampler {
         }
     }
 
+    /// About `asked` patches of a view: those of the last search if they are the same, or drawn now.
+    fn exact_patches(&mut self, (camera, background): (&Camera, Background), asked: u32) -> Result<ExactPatches> {
+        let is_of =
+            |known: &ExactPatches| known.camera == *camera && known.background == background && known.asked == asked;
+        if let Some(known) = self.exact.take().filter(is_of) {
+            return Ok(known);
+        }
+        let sample = Sample::of(camera, &touched_patches(&self.scene, camera, &self.options), asked);
+        let patches = sample.patches(0..sample.strata());
+        let pixels = self.pixels((camera, background), &patches, self.options.finest())?;
+        Ok(ExactPatches { camera: camera.clone(), background, asked, sample, pixels })
+    }
+
     /// The result of a search on one sample.
-    fn search_on(
-        &mut self,
-        sample: &Sample,
-        ExactPatches { camera, background, pixels: exact, .. }: &ExactPatches,
-        mut search: LimitSearch,
-    ) -> Result<(f64, SampledPsnr)> {
+    fn search_on(&mut self, exact: &ExactPatches, mut search: LimitSearch) -> Result<(f64, SampledPsnr)> {
+        let ExactPatches { camera, background, sample, pixels, .. } = exact;
         let all = 0..sample.strata();
         let patches = sample.patches(all.clone());
-        let estimate = |shown: &[[f32; 4]]| sample.estimate(&sample.errors(all.clone(), shown, exact));
+        let estimate = |shown: &[[f32; 4]]| sample.estimate(&sample.errors(all.clone(), shown, pixels));
         loop {
             let lod_error = search.limit() as f32;
             let levels = Options { lod_error, lod_psnr: 0.0, splats: 0, ..self.options };
             match search.step(estimate(&self.pixels((camera, *background), &patches, levels)?)) {
                 Step::Try(_) => {}
                 Step::Found(limit, found) => return Ok((limit, found)),
-                Step::AllGaussians => return Ok((self.options.finest().lod_error.into(), estimate(exact))),
+                Step::AllGaussians => return Ok((self.options.finest().lod_error.into(), estimate(pixels))),
             }
         }
     }
