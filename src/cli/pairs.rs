@@ -115,8 +115,8 @@ const COMMANDS: [Pairs; 11] = [
     Pairs {
         command: "lod",
         needed: &["a.ply"],
-        options: &[READING, "output level splats keep-levels fit-rounds format storage host-memory json"],
-        refused: &[("level", "splats"), ("keep-levels", "sog-level host-memory fit-rounds")],
+        options: &[READING, "output level splats keep-levels fit-rounds device format storage host-memory json"],
+        refused: &[("level", "splats"), ("keep-levels", "sog-level host-memory fit-rounds device")],
     },
     Pairs {
         command: "prune",

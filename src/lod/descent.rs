@@ -10,7 +10,7 @@ use super::raster::{Direction, Drawing, MARGIN, Splats, Window};
 /// where nodes are drawn much larger than a pixel.
 const PX: f64 = 0.5;
 /// Directions of a round, in turn.
-const ROUND_DIRECTIONS: usize = 3;
+pub const ROUND_DIRECTIONS: usize = 3;
 /// The length of a step in the first round, and the part of it in the last one. Steps are in standard deviations,
 /// logarithms, radians and coefficients.
 const STEP: f32 = 0.02;
@@ -18,10 +18,10 @@ const LAST: f32 = 0.2;
 /// The parts that the means of gradients and of their squares keep in a round.
 const KEPT: [f32; 2] = [0.7, 0.95];
 /// The largest factor between the scales and opacities of a merged and of a fitted node.
-const MOST_CHANGE: f32 = 4.0;
+pub const MOST_CHANGE: f32 = 4.0;
 
 /// Smaller gradients, by their root mean square, px^2, move parents less.
-const LEAST_GRADIENT: f32 = 1e-9;
+pub const LEAST_GRADIENT: f32 = 1e-9;
 
 /// The 24 corners of a snub cube: even directions, none opposite another. With the six of the errors, parents fit only
 /// those. The directions of one round are far apart.
@@ -43,47 +43,99 @@ fn directions() -> impl Iterator<Item = Direction> {
     })
 }
 
-/// Moves the parents that `is_fitted` names towards the pictures of their children. `px`: the usual width of a
-/// pixel, world units.
-pub fn descend(children: &Nodes, parents: &mut Nodes, (is_fitted, px): (&dyn Fn(usize) -> bool, f64), rounds: u32) {
-    let mut drawing = Drawing::default();
-    let views = Vec::from_iter(directions().take(ROUND_DIRECTIONS * rounds as usize).map(|direction| {
-        let window = Window::within(children, direction, PX * px, MARGIN * px);
-        Splats::of(children, window).draw(children, &mut drawing);
-        (window, drawing.picture.clone())
-    }));
-    let (merged, (low, high)) = (parents.nodes.clone(), children.bounds());
-    let (mut backward, mut gradients) = (Backward::default(), vec![Parameters::default(); parents.len()]);
-    let mut means = vec![[Parameters::default(); 2]; parents.len()];
-    // What the first rounds lack, since the means begin with 0.
-    let mut missing = [1.0, 1.0];
-    for (round, views) in (0..rounds).zip(views.chunks(ROUND_DIRECTIONS).cycle()) {
-        gradients.fill(Parameters::default());
-        for (window, picture) in views {
-            let splats = Splats::of(parents, *window);
-            backward.add(picture, (&splats, parents), &mut drawing, &mut gradients);
-        }
-        missing.iter_mut().zip(KEPT).for_each(|(missing, kept)| *missing *= kept);
-        let length = STEP * (1.0 - (1.0 - LAST) * round as f32 / (rounds - 1).max(1) as f32);
-        for i in (0..parents.len()).filter(|i| is_fitted(*i)) {
-            let step = std::array::from_fn(|k| {
-                let gradient = gradients[i][k];
-                let [mean, square] = [0, 1].map(|power| {
-                    let mean = &mut means[i][power][k];
-                    *mean += (1.0 - KEPT[power]) * (if power == 0 { gradient } else { gradient * gradient } - *mean);
-                    *mean / (1.0 - missing[power])
+/// Parents whose shapes are fitted to pictures of their children.
+pub struct Descent<'d> {
+    pub children: &'d Nodes,
+    /// The pictures: [`ROUND_DIRECTIONS`] for each round, in turn.
+    pub windows: &'d [Window],
+    /// For each parent, whether it is fitted.
+    pub is_fitted: &'d [bool],
+    /// The corners of a box that keeps all means.
+    pub bounds: ([f32; 3], [f32; 3]),
+    pub rounds: u32,
+}
+
+/// Another machine that fits shapes, with the same bits as [`Descent::on_host`].
+pub trait Fitter: Sync {
+    /// Fits the parents; returns false, and leaves them, if it cannot.
+    fn fit(&self, descent: &Descent, parents: &mut Nodes) -> bool;
+}
+
+/// How the shapes of parents are fitted.
+#[derive(Clone, Copy, Default)]
+pub struct ShapeFit<'f> {
+    /// No shapes are fitted if there are none.
+    pub rounds: u32,
+    /// The host, if there is none.
+    pub fitter: Option<&'f dyn Fitter>,
+}
+
+/// What differs from round to round.
+#[derive(Clone, Copy, Debug)]
+pub struct Round {
+    /// The length of a step.
+    pub length: f32,
+    /// The parts of the means that the rounds up to this one have filled, since the means begin with 0.
+    pub filled: [f32; 2],
+}
+
+/// The parts of a mean that a round replaces: of gradients, and of their squares.
+pub const REPLACED: [f32; 2] = [1.0 - KEPT[0], 1.0 - KEPT[1]];
+
+/// The windows of some rounds around the children. `px`: the usual width of a pixel, world units.
+pub fn windows(children: &Nodes, px: f64, rounds: u32) -> Vec<Window> {
+    let directions = directions().take(ROUND_DIRECTIONS * rounds as usize);
+    directions.map(|direction| Window::within(children, direction, PX * px, MARGIN * px)).collect()
+}
+
+impl Descent<'_> {
+    pub fn each_round(&self) -> impl Iterator<Item = Round> {
+        let (last, mut missing) = ((self.rounds - 1).max(1) as f32, [1.0, 1.0]);
+        (0..self.rounds).map(move |round| {
+            missing = [0, 1].map(|power| missing[power] * KEPT[power]);
+            Round {
+                length: STEP * (1.0 - (1.0 - LAST) * round as f32 / last),
+                filled: missing.map(|missing| 1.0 - missing),
+            }
+        })
+    }
+
+    /// Moves the parents towards the pictures of their children.
+    pub fn on_host(&self, parents: &mut Nodes) {
+        let mut drawing = Drawing::default();
+        let views = Vec::from_iter(self.windows.iter().map(|window| {
+            Splats::of(self.children, *window).draw(self.children, &mut drawing);
+            (window, drawing.picture.clone())
+        }));
+        let (merged, (low, high)) = (parents.nodes.clone(), self.bounds);
+        let (mut backward, mut gradients) = (Backward::default(), vec![Parameters::default(); parents.len()]);
+        let mut means = vec![[Parameters::default(); 2]; parents.len()];
+        for (Round { length, filled }, views) in self.each_round().zip(views.chunks(ROUND_DIRECTIONS).cycle()) {
+            gradients.fill(Parameters::default());
+            for (window, picture) in views {
+                let splats = Splats::of(parents, **window);
+                backward.add(picture, (&splats, parents), &mut drawing, &mut gradients);
+            }
+            for i in (0..parents.len()).filter(|i| self.is_fitted[*i]) {
+                let step = std::array::from_fn(|k| {
+                    let gradient = gradients[i][k];
+                    let [mean, square] = [0, 1].map(|power| {
+                        let mean = &mut means[i][power][k];
+                        *mean += REPLACED[power] * (if power == 0 { gradient } else { gradient * gradient } - *mean);
+                        *mean / filled[power]
+                    });
+                    -length * mean / square.sqrt().max(LEAST_GRADIENT)
                 });
-                -length * mean / square.sqrt().max(LEAST_GRADIENT)
-            });
-            let mut first = parents.sh(i)[0];
-            let node = &mut parents.nodes[i];
-            change(node, &mut first, &step);
-            node.mean = [0, 1, 2].map(|k| node.mean[k].clamp(low[k], high[k]));
-            let limited = |value: f32, merged: f32| value.clamp(merged / MOST_CHANGE, merged * MOST_CHANGE);
-            node.scale = [0, 1, 2].map(|k| limited(node.scale[k], merged[i].scale[k]));
-            node.opacity = limited(node.opacity, merged[i].opacity);
-            node.size = node.scale.into_iter().fold(node.size, f32::max);
-            parents.sh_mut(i)[0] = first;
+                let mut first = parents.sh(i)[0];
+                let node = &mut parents.nodes[i];
+                change(node, &mut first, &step);
+                node.mean = [0, 1, 2].map(|k| node.mean[k].clamp(low[k], high[k]));
+                let limited = |value: f32, merged: f32| value.clamp(merged / MOST_CHANGE, merged * MOST_CHANGE);
+                node.scale = [0, 1, 2].map(|k| limited(node.scale[k], merged[i].scale[k]));
+                node.opacity = limited(node.opacity, merged[i].opacity);
+                node.size = node.scale.into_iter().fold(node.size, f32::max);
+                parents.sh_mut(i)[0] = first;
+            }
         }
     }
 }
@@ -127,7 +179,7 @@ mod tests {
     fn fitted_shapes_are_better_from_other_directions() {
         let scene = cactus::cactus(60_000).unwrap().gaussians;
         let children = Nodes::of(&scene, along_curve(scene.means())[..2048].iter().map(|index| *index as usize));
-        let [merged, fitted] = [0, 12].map(|rounds| simplify(&children, 512, 0.0, rounds));
+        let [merged, fitted] = [0, 12].map(|rounds| simplify(&children, 512, 0.0, ShapeFit { rounds, fitter: None }));
         let px = f64::from(merged.reference_width);
         let [before, after] = [&merged, &fitted].map(|found| from_other_directions(&children, &found.nodes, px));
         let part = after / before;
@@ -137,7 +189,7 @@ mod tests {
         assert!(fitted.nodes.nodes.iter().all(is_within));
         let is_covered = |node: &Node| node.size == 0.0 || node.scale.iter().all(|scale| *scale <= node.size);
         assert!(fitted.nodes.nodes.iter().all(is_covered), "the size is not that of the merged node");
-        let again = simplify(&children, 512, 0.0, 12);
+        let again = simplify(&children, 512, 0.0, ShapeFit { rounds: 12, fitter: None });
         assert_eq!(again.nodes, fitted.nodes, "the same in every run");
     }
 }

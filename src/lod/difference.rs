@@ -69,7 +69,7 @@ pub fn from_other_directions(of: &Nodes, others: &Nodes, px: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lod::{Node, simplify};
+    use crate::lod::{Node, ShapeFit, simplify};
     use crate::procedural::cactus;
     use crate::scene::along_curve;
 
@@ -92,7 +92,7 @@ mod tests {
     fn errors_hold_in_other_directions() {
         let scene = cactus::cactus(60_000).unwrap().gaussians;
         let children = Nodes::of(&scene, along_curve(scene.means())[..4096].iter().map(|index| *index as usize));
-        let found = simplify(&children, 2048, 0.0, 0);
+        let found = simplify(&children, 2048, 0.0, ShapeFit::default());
         let predicted: f64 = found.nodes.nodes.iter().map(|node| f64::from(node.squared_error)).sum();
         let measured = from_other_directions(&children, &found.nodes, f64::from(found.reference_width));
         assert!((0.5..2.0).contains(&(measured / predicted)), "{measured}, predicted {predicted}");

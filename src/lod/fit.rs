@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use super::descent::descend;
+use super::descent::{Descent, ShapeFit, windows};
 use super::difference::Difference;
 use super::node::{Node, Nodes};
 use super::raster::{Drawing, LANES, Picture, Splats, Window, directions};
@@ -51,7 +51,7 @@ pub fn reference_width(sums: [f64; 3], px: f64) -> f64 {
 }
 
 /// Fits the new parents that pictures show, and measures all new ones. The others are copies of their child.
-pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool], rounds: u32) -> Residual {
+pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool], shape_fit: ShapeFit) -> Residual {
     let px = pixel_width(parents, children, MOST_PX);
     let widths = Vec::from_iter(parents.nodes.iter().map(Node::width));
     let (mut drawing, mut residuals) = (Drawing::default(), Vec::new());
@@ -60,16 +60,22 @@ pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool], rounds: u32) 
         Splats::of(children, window).draw(children, &mut drawing);
         View { window, children: drawing.picture.clone(), parents: Splats::of(parents, window) }
     });
-    let is_fitted = |i: usize| is_new[i] && widths[i] >= LEAST_PX * px;
+    let is_fitted = Vec::from_iter((0..parents.len()).map(|i| is_new[i] && widths[i] >= LEAST_PX * px));
     for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
         let mut corrections = vec![Correction::default(); parents.len()];
         some.iter().for_each(|view| view.compare(parents, (&mut drawing, &mut residuals), &mut corrections));
-        for (i, correction) in corrections.iter().enumerate().filter(|(i, _)| is_fitted(*i)) {
+        for (i, correction) in corrections.iter().enumerate().filter(|(i, _)| is_fitted[*i]) {
             correction.apply(parents, i);
         }
     }
+    let ShapeFit { rounds, fitter } = shape_fit;
     if rounds > 0 {
-        descend(children, parents, (&is_fitted, px), rounds);
+        let windows = windows(children, px, rounds);
+        let (windows, is_fitted, bounds) = (&windows[..], &is_fitted[..], children.bounds());
+        let descent = Descent { children, windows, is_fitted, bounds, rounds };
+        if !fitter.is_some_and(|fitter| fitter.fit(&descent, parents)) {
+            descent.on_host(parents);
+        }
         views.iter_mut().for_each(|view| view.parents = Splats::of(parents, view.window));
     }
     measure(&views, (parents, is_new), px, &mut drawing)
@@ -191,7 +197,7 @@ mod tests {
         let mut parents = Nodes::new(0);
         parents.push(merged, &sh_of_merged);
         parents.push(children.nodes[4], &sh);
-        fit(&children, &mut parents, &[true, false], 3);
+        fit(&children, &mut parents, &[true, false], ShapeFit { rounds: 3, fitter: None });
         assert_eq!(parents.nodes[1], children.nodes[4], "a copy is not fitted");
         [merged, parents.nodes[0]]
     }

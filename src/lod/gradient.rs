@@ -65,6 +65,12 @@ type Sums<T> = [T; 9];
 
 type Lanes = [f32; LANES];
 
+/// Alphas from here on are clamped ones.
+pub const CLAMPED: f32 = 0.9999 * ALPHA_MAX;
+
+/// Smaller parts of gradients count as 0.
+const LEAST: f64 = 1e-24;
+
 /// See [`Backward::add`]. All versions make the same bits, as those of [`Splats::draw`] do.
 #[multiversion(targets("x86_64+avx2"))]
 fn add(backward: &mut Backward, (splats, nodes): (&Splats, &Nodes), drawing: &Drawing, gradients: &mut [Parameters]) {
@@ -95,7 +101,7 @@ fn add(backward: &mut Backward, (splats, nodes): (&Splats, &Nodes), drawing: &Dr
                     by_colour - by_passing[i] * rest[i]
                 });
                 // A clamped alpha does not change.
-                let is_clamped = alpha.map(|alpha| alpha >= 0.9999 * ALPHA_MAX);
+                let is_clamped = alpha.map(|alpha| alpha >= CLAMPED);
                 let by_alpha: Lanes =
                     std::array::from_fn(|i| if is_clamped[i] { 0.0 } else { weights[i] * by_weight[i] });
                 (0..LANES).for_each(|i| red[i] += alpha[i] * to_red[i]);
@@ -121,7 +127,9 @@ fn add(backward: &mut Backward, (splats, nodes): (&Splats, &Nodes), drawing: &Dr
         }
         let sums = sums.map(|lanes| f64::from(lanes.iter().sum::<f32>()));
         let gradient = by_parameters(splats, (&nodes.nodes[index], index), &sums, colour);
-        gradients[index].iter_mut().zip(gradient).for_each(|(sum, value)| *sum += value as f32);
+        // Devices take 32-bit floats below 1e-38 for 0.
+        let gradient = gradient.map(|value| if value.abs() < LEAST { 0.0 } else { value as f32 });
+        gradients[index].iter_mut().zip(gradient).for_each(|(sum, value)| *sum += value);
     }
 }
 

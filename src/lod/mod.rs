@@ -30,8 +30,11 @@ mod raster;
 mod replacement;
 mod simplify;
 
+pub use descent::{Descent, Fitter, LEAST_GRADIENT, MOST_CHANGE, REPLACED, ROUND_DIRECTIONS, Round, ShapeFit, windows};
 pub use difference::squared_difference;
 pub use error_code::{CODES_PER_OCTAVE, FINEST, LOWEST_EXPONENT, NEVER, code_below, code_of, value_of_code};
+pub use gradient::CLAMPED;
 pub use node::{Node, Nodes, median};
+pub use raster::{Direction, MOST_DEVIATIONS, PER_ALPHA_MIN, Window};
 pub use replacement::{Replacement, replacement};
 pub use simplify::{Simplified, simplify};

@@ -12,7 +12,7 @@ use crate::scene::harmonics;
 pub struct Direction {
     pub right: DVec3,
     pub down: DVec3,
-    forward: DVec3,
+    pub forward: DVec3,
 }
 
 impl Direction {
@@ -41,7 +41,8 @@ pub fn directions() -> [Direction; 6] {
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
     pub direction: Direction,
-    origin: DVec3,
+    /// The corner of the first pixel, in the axes of the direction.
+    pub origin: DVec3,
     /// Width of a pixel, world units.
     pub px: f64,
     pub width: usize,
@@ -62,7 +63,6 @@ impl Window {
         let Self { width, height, .. } = self;
         let starts = move |length: usize| (0..length).step_by(side);
         starts(height).flat_map(move |y| starts(width).map(move |x| (x, y))).map(move |(x, y)| {
-            // In the axes of the direction.
             let origin = self.origin + DVec3::new(x as f64, y as f64, 0.0) * self.px;
             Self { origin, width: side.min(width - x), height: side.min(height - y), ..self }
         })
@@ -97,7 +97,11 @@ pub struct Splat {
 }
 
 /// Standard deviations beyond which no alpha of a node is above the threshold, whatever its opacity.
-const MOST_DEVIATIONS: f64 = 6.0;
+pub const MOST_DEVIATIONS: f64 = 6.0;
+
+/// The inverse of the threshold of alphas.
+pub const PER_ALPHA_MIN: f32 = 255.0;
+const _: () = assert!(1.0 / PER_ALPHA_MIN == ALPHA_MIN);
 
 /// Nodes in a window, front to back.
 pub struct Splats {
@@ -180,6 +184,18 @@ pub fn exp2(x: f32) -> f32 {
     whole * series
 }
 
+/// The logarithm of x >= 1 to base 2, to 1e-5. The same bits on every machine.
+pub fn log2(x: f32) -> f32 {
+    let exponent = (x.to_bits() >> 23) as f32 - 127.0;
+    let mantissa = f32::from_bits(x.to_bits() & 0x007f_ffff | 0x3f80_0000);
+    // Newton's method, from a line that is 0.09 off at most.
+    let mut logarithm = mantissa - 1.0;
+    for _ in 0..3 {
+        logarithm += (mantissa * exp2(-logarithm) - 1.0) * std::f32::consts::LOG2_E;
+    }
+    exponent + logarithm
+}
+
 impl Splats {
     pub fn of(nodes: &Nodes, window: Window) -> Self {
         let Direction { right, down, forward } = window.direction;
@@ -245,8 +261,8 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
         let colour = splats.colour(nodes, index);
         // The square of the number of standard deviations to the edge of the ellipse, where alpha is the threshold,
         // and half of its height.
-        let edge = 2.0 * f64::from(opacity / ALPHA_MIN).ln();
-        let (reach, edge, per_a) = ((edge * variance_y).sqrt() as f32, edge as f32, 1.0 / a);
+        let edge = 2.0 * std::f32::consts::LN_2 * log2(opacity * PER_ALPHA_MIN);
+        let (reach, per_a) = ((f64::from(edge) * variance_y).sqrt() as f32, 1.0 / a);
         for row in centres_within(mean[1], reach, height) {
             let y = row as f32 + 0.5 - mean[1];
             let root = (b * y).powi(2) - a * (c * y * y - edge);
@@ -324,6 +340,10 @@ mod tests {
             assert!((exp2(x) / x.exp2() - 1.0).abs() < 1e-5 || x < -125.0, "{x}: {}", exp2(x));
         }
         assert!(exp2(-1e30) < 1e-37);
+        for i in 0..4000 {
+            let x = exp2(i as f32 / 170.0);
+            assert!((log2(x) - x.log2()).abs() < 1e-5, "{x}: {}", log2(x));
+        }
     }
 
     #[test]

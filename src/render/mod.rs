@@ -30,6 +30,8 @@
 //! **`prune`.** The contribution of each Gaussian to pictures, and bounds on pictures without some.
 //! -> `portable`, `readback`
 //!
+//! **`fit`.** Shapes of nodes of levels of detail, fitted to pictures. -> `shaders`
+//!
 //! **`marks`.** Gaussians that are left out of pictures or selected, as bits on the device. -> `scene`, `frame`
 //!
 //! **`pages`.** The pages in view, the list of pages that a dispatch draws, and their projection.
@@ -59,6 +61,7 @@ mod capacity;
 mod constants;
 mod fast;
 mod fast_rays;
+mod fit;
 mod frame;
 mod frame_queue;
 mod inspect;
@@ -92,6 +95,8 @@ pub use band::{BAND_ROWS, Band};
 pub use capacity::Capacity;
 #[doc(hidden)]
 pub use fast::{BLOCK_FORMS, BinGrid, BlockForm, FastPipeline, FastWorkspace, flushes_denormals};
+#[doc(hidden)]
+pub use fit::ShapeFitter;
 #[doc(hidden)]
 pub use frame::{Shot, Target, Variation, view};
 pub(crate) use frame::{depth_bits, tiles};

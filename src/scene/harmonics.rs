@@ -34,7 +34,7 @@ const C4: [f64; 9] = [
 ];
 
 /// Number of the basis functions.
-const FUNCTIONS: usize = sh_coefficients(MAX_SH_DEGREE);
+pub const FUNCTIONS: usize = sh_coefficients(MAX_SH_DEGREE);
 
 /// All basis functions, up to degree 4, in the unit direction x y z.
 pub fn basis([x, y, z]: [f64; 3]) -> [f64; FUNCTIONS] {

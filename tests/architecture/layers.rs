@@ -42,7 +42,7 @@ const EDGES: [(&str, &str); 24] = [
 ];
 
 /// The rooms inside `render`, from the ground up, and the rooms that each may use.
-const RENDER_ROOMS: [(&str, &str); 30] = [
+const RENDER_ROOMS: [(&str, &str); 31] = [
     ("shaders", ""),
     ("readback", ""),
     ("band", "shaders"),
@@ -60,6 +60,7 @@ const RENDER_ROOMS: [(&str, &str); 30] = [
     ("fast", "shaders band capacity scene frame constants portable"),
     ("fast_rays", "shaders band scene frame rays fast"),
     ("inspect", "shaders band scene frame constants portable rays"),
+    ("fit", "shaders"),
     ("marks", "shaders scene frame"),
     ("prune", "shaders readback capacity scene frame constants portable"),
     ("pages", "shaders scene frame fast inspect"),

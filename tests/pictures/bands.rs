@@ -148,7 +148,7 @@ fn pages(has_levels: bool) -> Arc<PageFile> {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("cactus.smalto");
     let settings = Settings { has_levels, ..Settings::default() };
-    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    let job = Job::new(&output, settings, "test");
     write_whole(&job, &cactus(40_000).unwrap()).unwrap();
     Arc::new(PageFile::open(&output).unwrap())
 }

@@ -30,7 +30,7 @@ fn file(count: usize) -> Arc<PageFile> {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("cactus.smalto");
     let settings = Settings { has_levels: true, ..Settings::default() };
-    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    let job = Job::new(&output, settings, "test");
     write_whole(&job, &cactus(count).unwrap()).unwrap();
     Arc::new(PageFile::open(&output).unwrap())
 }

@@ -204,7 +204,7 @@ fn a_copied_view_is_restored_bit_for_bit() {
 pub(super) fn levels(folder: &std::path::Path) -> PathBuf {
     let output = folder.join("levels.smalto");
     let settings = Settings { has_levels: true, ..Settings::default() };
-    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    let job = Job::new(&output, settings, "test");
     write_whole(&job, &cactus(60_000).unwrap()).unwrap();
     output
 }

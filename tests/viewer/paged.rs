@@ -22,7 +22,7 @@ fn max_error(a: &Pixels, b: &Pixels) -> f32 {
 fn with_levels(folder: &std::path::Path, scene: &str) -> String {
     let output = folder.join(format!("{}.smalto", scene.replace(':', "-")));
     let settings = Settings { has_levels: true, ..Settings::default() };
-    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    let job = Job::new(&output, settings, "test");
     write_whole(&job, &Procedural::parse(scene).unwrap().unwrap().make().unwrap()).unwrap();
     output.display().to_string()
 }

@@ -3,21 +3,25 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use clap::builder::NonEmptyStringValueParser;
 
 use super::pages::{self, STORAGES};
 use super::target::{is_same, kept_degree};
 use super::{Edits, Inputs, Target, WritingArgs, formats, say_written, write_scene};
-use crate::cli::headings::OUTPUT;
+use crate::cli::devices::open_instead_of_host;
+use crate::cli::headings::{DEVICE, OUTPUT};
 use crate::cli::scenes::{ReadingArgs, SceneArg};
 use crate::cli::sink::Sink;
 use crate::cli::values::whole;
-use crate::cli::{Usage, one_of, progress};
+use crate::cli::{Usage, one_of, progress, remark};
 use crate::files::{Checkpoint, is_stdout};
 use crate::formats::{LOD_META, SceneFile, Streamed, WrittenLevels, write_streamed_sog};
+use crate::lod::Fitter;
 use crate::measure::prune::Written;
 use crate::options::Options;
 use crate::pagefile::write::{Settings, subtrees};
 use crate::pagefile::{PageFile, nodes_of, static_level};
+use crate::render::ShapeFitter;
 use crate::scene::{NoLevel, Scene, Watch};
 
 /// Build levels of detail of a scene: a page file that is drawn within a splat budget or an error, or one level
@@ -63,6 +67,12 @@ pub(in crate::cli) struct Args {
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "keep_levels")]
     #[arg(value_parser = whole::<u32>(0..=100))]
     fit_rounds: Option<u32>,
+    /// Device that fits shapes, as for `smalto render`, or host: the processor
+    ///
+    /// By default a GPU, if there is one. It is faster, and the file has the same bytes.
+    #[arg(long, help_heading = DEVICE, value_name = "DEVICE", value_parser = NonEmptyStringValueParser::new())]
+    #[arg(conflicts_with = "keep_levels")]
+    device: Option<String>,
     /// Format of the level [default: by the name of the file]
     #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
     #[arg(hide_possible_values = true)]
@@ -115,8 +125,15 @@ fn write_levels(args: &Args, output: &Path, storage: Option<Options>) -> Result<
     if *keep_levels {
         return pages::keep_levels(&SceneArg { scene: scene.clone(), reading: *reading }, output, settings);
     }
+    let device = if settings.fit_rounds > 0 { open_instead_of_host(args.device.as_deref())? } else { None };
+    let fitter = device.as_ref().map(ShapeFitter::new).transpose()?;
     let files = [scene.clone()];
-    pages::convert(Inputs { files: &files, reading: *reading, edits: &Edits::default() }, output, settings)
+    let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
+    let written = pages::convert(inputs, output, settings, fitter.as_ref().map(|fitter| fitter as &dyn Fitter))?;
+    if let Some(failure) = fitter.and_then(|fitter| fitter.failure()) {
+        remark(&format!("some shapes were fitted on the host: {failure:#}"));
+    }
+    Ok(written)
 }
 
 /// Writes one level of a scene.

@@ -164,7 +164,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     target.check(output, files.iter().map(PathBuf::as_path), args.no_clobber, args.writing.json.as_ref())?;
     let inputs = Inputs { files, reading: args.reading.then(args.edits.placement()?), edits: &args.edits };
     let (written, removed, notices) = match target {
-        Target::Pages => pages::convert(inputs, output, pages::settings(args.storage, args.writing.host_memory))?,
+        Target::Pages => pages::convert(inputs, output, pages::settings(args.storage, args.writing.host_memory), None)?,
         Target::Scene(kind) => {
             let Scene { gaussians, report, is_antialiased, mut notices, .. } = read(inputs)?;
             let before = gaussians.len();

@@ -8,6 +8,7 @@ use super::{Edits, Inputs, read};
 use crate::cli::scenes::SceneArg;
 use crate::cli::{Usage, progress, remark};
 use crate::formats::LOD_META;
+use crate::lod::Fitter;
 use crate::measure::prune::Written;
 use crate::options::{Options, Storage};
 use crate::pagefile::write::{
@@ -37,13 +38,20 @@ pub fn settings(storage: Option<Options>, memory: Option<u64>) -> Settings {
 }
 
 /// Writes a page file. Returns how many Gaussians were left out, and the notices of the readers, too.
-pub fn convert(inputs: Inputs, output: &Path, settings: Settings) -> Result<(Written, usize, Vec<String>)> {
+/// `fitter`: what fits the shapes of merged nodes, in place of the host.
+pub fn convert(
+    inputs: Inputs,
+    output: &Path,
+    settings: Settings,
+    fitter: Option<&dyn Fitter>,
+) -> Result<(Written, usize, Vec<String>)> {
     let bar = progress::Bar::new("converting");
     let input = SceneArg { scene: inputs.files[0].clone(), reading: inputs.reading };
     let job = Job {
         output,
         settings,
         title: input.title(),
+        fitter,
         progress: &|fraction| bar.set(fraction),
         is_cancelled: &|| false,
     };
@@ -103,7 +111,7 @@ fn write_job(
 ) -> Result<Written> {
     let bar = progress::Bar::new("writing pages");
     let progress = |fraction| bar.set(fraction);
-    let job = Job { output, settings, title, progress: &progress, is_cancelled: &|| false };
+    let job = Job { output, settings, title, fitter: None, progress: &progress, is_cancelled: &|| false };
     written(output, &write(&job)?)
 }
 

@@ -13,6 +13,7 @@ use super::hierarchy::build;
 use super::hierarchy_layout::inner_pages;
 use super::output::Output;
 use crate::files::Checkpoint;
+use crate::lod::{Fitter, ShapeFit};
 use crate::options::{Options, Storage};
 use crate::packing::{Accumulator, Layout, Statistics};
 use crate::pagefile::{HEADER, Header, LodSections, PADDING, PAGE};
@@ -59,6 +60,8 @@ pub struct Job<'j> {
     pub settings: Settings,
     /// The name of the source.
     pub title: String,
+    /// What fits the shapes of merged nodes; by default the host.
+    pub fitter: Option<&'j dyn Fitter>,
     /// Receives the progress, 0 to 1.
     pub progress: &'j (dyn Fn(f64) + Sync),
     /// Called between blocks and between buckets. Once it returns true, the job ends with [`Cancelled`].
@@ -83,6 +86,13 @@ const SCENE: &str = "scene";
 pub(crate) const STATE: &str = "state.json";
 const HEADER_FILE: &str = "header";
 const REST: &str = "rest";
+
+impl<'j> Job<'j> {
+    /// A job without callbacks.
+    pub fn new(output: &'j Path, settings: Settings, title: &str) -> Self {
+        Self { output, settings, title: title.to_owned(), fitter: None, progress: &|_| {}, is_cancelled: &|| false }
+    }
+}
 
 impl Job<'_> {
     /// The name of the file with the pages of the scene.
@@ -180,7 +190,7 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
         let built = build(
             (&output, scene.file, groups),
             (count, header.layout.sh_degree),
-            job.settings.fit_rounds,
+            ShapeFit { rounds: job.settings.fit_rounds, fitter: job.fitter },
             &progress,
             job.is_cancelled,
         );

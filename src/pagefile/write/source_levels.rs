@@ -40,7 +40,7 @@ pub fn temporary_levels(
         let settings = Settings { has_levels: true, ..Settings::default() };
         // The hash of a page file in reports is that of its header, which has the title.
         let title = source.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        write_source_levels(&Job { output, settings, title, progress, is_cancelled }, levels)?;
+        write_source_levels(&Job { output, settings, title, fitter: None, progress, is_cancelled }, levels)?;
         // The file stays readable while it is open.
         PageFile::open(output)
     };

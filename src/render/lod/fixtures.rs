@@ -45,7 +45,7 @@ fn written(options: Options, write: impl FnOnce(&Job) -> Result<Finished>) -> Ar
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("levels.smalto");
     let settings = Settings { options, has_levels: true, ..Settings::default() };
-    let job = Job { output: &output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false };
+    let job = Job::new(&output, settings, "test");
     write(&job).unwrap();
     // The open file outlives the folder.
     Arc::new(PageFile::open(&output).unwrap())

@@ -369,7 +369,7 @@ fn write_edited(
     if file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("smalto")) {
         let title = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let settings = write::Settings::default();
-        let job = Job { output: file, settings, title, progress, is_cancelled: &|| false };
+        let job = Job { output: file, settings, title, fitter: None, progress, is_cancelled: &|| false };
         let number = gaussians.len();
         let scene = Scene { gaussians, is_antialiased, ..Scene::empty("edited") };
         write::write_whole(&job, &scene)?;

@@ -32,7 +32,7 @@ fn watch() -> Watch<'static> {
 }
 
 fn job(output: &Path, settings: Settings) -> Job<'_> {
-    Job { output, settings, title: "test".to_owned(), progress: &|_| {}, is_cancelled: &|| false }
+    Job::new(output, settings, "test")
 }
 
 fn read(path: impl AsRef<Path>) -> Gaussians {

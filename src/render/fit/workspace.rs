@@ -1,0 +1,222 @@
+//! The buffers of a group of nodes, and its upload.
+
+use anyhow::{Result, ensure};
+
+use crate::gpu::{Buffer, Commands, Device, DispatchSize, Element, InFlight};
+use crate::lod::{Descent, Node, Nodes, ROUND_DIRECTIONS, Round, Window};
+use crate::render::shaders::fit::{FIT_FUNCTIONS, FIT_TILE};
+use crate::render::shaders::{FitGradient, FitNode, FitRow, FitSpan, FitSplat, FitState, FitUse, FitView};
+use crate::scene::{harmonics, sh_coefficients};
+
+const _: () = assert!(FIT_FUNCTIONS as usize == harmonics::FUNCTIONS);
+
+/// Rows and weights that there is room for at first, and at most.
+const ROOM: [usize; 2] = [1 << 20, 1 << 21];
+const MOST_ROOM: [usize; 2] = [1 << 25, 1 << 28];
+
+/// Nodes of one kind, and what they look like in the pictures of one dispatch.
+pub struct Drawn {
+    pub nodes: Buffer<FitNode>,
+    pub sh: Buffer<f32>,
+    pub splats: Buffer<FitSplat>,
+    pub spans: Buffer<FitSpan>,
+    pub depths: Buffer<u32>,
+    pub order: Buffer<u32>,
+    pub used: Buffer<FitUse>,
+}
+
+impl Drawn {
+    fn new(device: &Device) -> Result<Self> {
+        Ok(Self {
+            nodes: Buffer::new(device, "nodes", 1)?,
+            sh: Buffer::new(device, "sh", 1)?,
+            splats: Buffer::new(device, "splats", 1)?,
+            spans: Buffer::new(device, "spans", 1)?,
+            depths: Buffer::new(device, "depths", 1)?,
+            order: Buffer::new(device, "order", 1)?,
+            used: Buffer::new(device, "used", 1)?,
+        })
+    }
+
+    fn reserve(&mut self, device: &Device, nodes: &Nodes, views: usize) -> Result<()> {
+        let splats = nodes.len() * views;
+        reserve(device, &mut self.nodes, nodes.len())?;
+        reserve(device, &mut self.sh, 3 * nodes.sh.len())?;
+        reserve(device, &mut self.splats, splats)?;
+        reserve(device, &mut self.spans, splats)?;
+        reserve(device, &mut self.depths, splats)?;
+        reserve(device, &mut self.order, splats)
+    }
+
+    fn upload(&self, cmd: &mut Commands, nodes: &Nodes) -> Result<()> {
+        cmd.upload(&self.nodes, 0, nodes.len(), |memory| {
+            for (i, (memory, node)) in memory.iter_mut().zip(&nodes.nodes).enumerate() {
+                let Node { mean, rotation, scale, opacity, size, .. } = *node;
+                *memory = FitNode { mean, rotation, scale, opacity, size, colour: nodes.sh(i)[0] };
+            }
+        })?;
+        let sh: &[f32] = bytemuck::cast_slice(&nodes.sh);
+        cmd.upload(&self.sh, 0, sh.len(), |memory| memory.copy_from_slice(sh))?;
+        cmd.fill(&self.used, 0);
+        Ok(())
+    }
+}
+
+/// Makes a buffer of at least this length. Its content is lost if it grows.
+fn reserve<T: Element>(device: &Device, buffer: &mut Buffer<T>, len: usize) -> Result<()> {
+    if buffer.len() < len {
+        *buffer = Buffer::new(device, buffer.name(), len.next_power_of_two())?;
+    }
+    Ok(())
+}
+
+/// The views of one dispatch, and the number of nodes in them.
+#[derive(Clone, Copy)]
+pub struct Part {
+    pub nodes: u32,
+    pub first_view: u32,
+    pub views: u32,
+    /// Most tiles of a view.
+    pub tiles: u32,
+}
+
+impl Part {
+    fn of(windows: &[Window], nodes: usize, first_view: usize, views: usize) -> Self {
+        let tiles = |window: &Window| {
+            let [columns, rows] = [window.width, window.height].map(|side| side.div_ceil(FIT_TILE as usize));
+            (columns * rows) as u32
+        };
+        let tiles = windows[first_view..][..views].iter().map(tiles).max().unwrap_or(0);
+        let [nodes, first_view, views] = [nodes, first_view, views].map(|number| number as u32);
+        Self { nodes, first_view, views, tiles }
+    }
+
+    /// Workgroups for all nodes in all views, with this number of nodes in each.
+    pub fn groups(self, nodes: u32) -> DispatchSize {
+        DispatchSize::Groups(u64::from(self.views) * u64::from(self.nodes.div_ceil(nodes)))
+    }
+}
+
+/// What is recorded for a group.
+pub struct Plan {
+    pub coefficients: u32,
+    /// All views of the children.
+    pub children: Part,
+    /// The views of the parents, round by round, in turn.
+    parents: Vec<Part>,
+    pub rounds: Vec<Round>,
+    pub bounds: ([f32; 3], [f32; 3]),
+}
+
+impl Plan {
+    fn of(descent: &Descent, parents: usize) -> Self {
+        let Descent { children, windows, bounds, .. } = *descent;
+        let of_round = |round| Part::of(windows, parents, round * ROUND_DIRECTIONS, ROUND_DIRECTIONS);
+        Self {
+            coefficients: sh_coefficients(children.sh_degree) as u32,
+            children: Part::of(windows, children.len(), 0, windows.len()),
+            parents: (0..windows.len() / ROUND_DIRECTIONS).map(of_round).collect(),
+            rounds: descent.each_round().collect(),
+            bounds,
+        }
+    }
+
+    /// The views of a round.
+    pub fn part(&self, round: usize) -> Part {
+        self.parents[round % self.parents.len()]
+    }
+}
+
+/// The buffers of a group. They grow to what groups need.
+pub struct Workspace {
+    pub views: Buffer<FitView>,
+    pub children: Drawn,
+    pub parents: Drawn,
+    pub states: Buffer<FitState>,
+    pub rows: Buffer<FitRow>,
+    /// Red, green, blue and transmittance of the pictures of the children.
+    pub pictures: Buffer<[f32; 4]>,
+    pub weights: Buffer<f32>,
+    pub slopes: Buffer<f32>,
+    pub by_colours: Buffer<[f32; 3]>,
+    pub gradients: Buffer<FitGradient>,
+}
+
+impl Workspace {
+    pub fn new(device: &Device) -> Result<Self> {
+        Ok(Self {
+            views: Buffer::new(device, "views", 1)?,
+            children: Drawn::new(device)?,
+            parents: Drawn::new(device)?,
+            states: Buffer::new(device, "states", 1)?,
+            rows: Buffer::new(device, "rows", ROOM[0])?,
+            pictures: Buffer::new(device, "pictures", 1)?,
+            weights: Buffer::new(device, "weights", ROOM[1])?,
+            slopes: Buffer::new(device, "slopes", ROOM[1])?,
+            by_colours: Buffer::new(device, "by_colours", 1)?,
+            gradients: Buffer::new(device, "gradients", 1)?,
+        })
+    }
+
+    /// Makes room for more rows and weights.
+    pub fn grow(&mut self, device: &Device) -> Result<()> {
+        let room = [self.rows.len(), self.weights.len()];
+        ensure!(room != MOST_ROOM, "the pictures of a group have too many rows");
+        reserve(device, &mut self.rows, MOST_ROOM[0].min(2 * room[0]))?;
+        reserve(device, &mut self.weights, MOST_ROOM[1].min(2 * room[1]))?;
+        reserve(device, &mut self.slopes, MOST_ROOM[1].min(2 * room[1]))
+    }
+
+    /// Makes room for a group, and submits its upload.
+    pub fn load(&mut self, device: &Device, descent: &Descent, parents: &Nodes) -> Result<(Plan, InFlight)> {
+        let Descent { children, windows, is_fitted, .. } = *descent;
+        let views = views_of(windows);
+        reserve(device, &mut self.views, views.len())?;
+        self.children.reserve(device, children, views.len())?;
+        self.parents.reserve(device, parents, ROUND_DIRECTIONS)?;
+        reserve(device, &mut self.states, parents.len())?;
+        reserve(device, &mut self.gradients, parents.len() * ROUND_DIRECTIONS)?;
+        let pixels = |windows: &[Window]| windows.iter().map(|window| window.width * window.height).sum::<usize>();
+        reserve(device, &mut self.pictures, pixels(windows))?;
+        let of_round = windows.chunks(ROUND_DIRECTIONS).map(pixels).max().unwrap_or(0);
+        reserve(device, &mut self.by_colours, of_round)?;
+        let mut cmd = Commands::new(device)?;
+        cmd.upload(&self.views, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
+        self.children.upload(&mut cmd, children)?;
+        self.parents.upload(&mut cmd, parents)?;
+        cmd.upload(&self.states, 0, parents.len(), |memory| {
+            for ((memory, node), is_fitted) in memory.iter_mut().zip(&parents.nodes).zip(is_fitted) {
+                *memory = FitState {
+                    merged_scale: node.scale,
+                    merged_opacity: node.opacity,
+                    is_fitted: f32::from(u8::from(*is_fitted)),
+                    ..bytemuck::Zeroable::zeroed()
+                };
+            }
+        })?;
+        Ok((Plan::of(descent, parents.len()), cmd.submit()?))
+    }
+}
+
+/// The windows as the shaders know them.
+fn views_of(windows: &[Window]) -> Vec<FitView> {
+    let words = |value: f64| [value.to_bits() as u32, (value.to_bits() >> 32) as u32];
+    let mut pixels = 0;
+    let view = |window: &Window| {
+        let Window { direction, origin, px, width, height } = *window;
+        let first_pixel = pixels as u32;
+        pixels += width * height;
+        FitView {
+            right: direction.right.to_array().map(words),
+            down: direction.down.to_array().map(words),
+            forward: direction.forward.to_array().map(words),
+            origin: [origin.x, origin.y].map(words),
+            px: words(px),
+            basis: harmonics::basis(direction.forward.to_array()).map(words),
+            width: width as u32,
+            height: height as u32,
+            first_pixel,
+        }
+    };
+    windows.iter().map(view).collect()
+}
