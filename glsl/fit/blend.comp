@@ -16,7 +16,7 @@ layout(binding = 1, scalar) readonly buffer Splats { FitSplat splats[]; };   // 
 layout(binding = 2, scalar) readonly buffer Spans { FitSpan spans[]; };      // [views nodes]
 layout(binding = 3, scalar) readonly buffer Rows { FitRow rows[]; };
 layout(binding = 4, scalar) readonly buffer Order { uint order[]; };         // [views nodes]
-layout(binding = 5, scalar) buffer Pictures { vec4 pictures[]; };            // [pixels]: red, green, blue, transmittance
+layout(binding = 5, scalar) buffer Pictures { vec4 pictures[]; };            // [pixels]: and transmittance
 layout(binding = 6, scalar) buffer Weights { float weights[]; };             // [weight_capacity]
 layout(binding = 7, scalar) writeonly buffer Slopes { float slopes[]; };     // [weight_capacity]: by the log of alpha
 layout(binding = 8, scalar) writeonly buffer ByColours { vec3 by_colours[]; };  // [pixels of the round]
@@ -24,7 +24,8 @@ layout(push_constant, scalar) uniform Push {
     uint nodes;
     uint first_view;
     uint views;
-    uint tiles;     // most tiles of a view
+    uint tiles;  // most tiles of a view
+    float alpha_max;
     float clamped;  // larger alphas are clamped ones
 } push;
 
@@ -84,7 +85,7 @@ float alpha_at(FitSplat splat, float y, uint first_column, uint column) {
     precise float linear = LOG_2 * 2.0 * b * y;
     precise float constant = LOG_2 * c * y * y;
     precise float exponent = constant + x * (linear + x * squared);
-    precise float alpha = min(splat.opacity * power_of_two(exponent), FIT_ALPHA_MAX);
+    precise float alpha = min(splat.opacity * power_of_two(exponent), push.alpha_max);
     return alpha;
 }
 

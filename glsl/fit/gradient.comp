@@ -1,6 +1,6 @@
 #version 460
 #include "shared/workgroup.glsl"
-// FIT_LANES invocations per view and node: the gradient by the parameters of the node, as src/lod/gradient.rs.
+// One group of FIT_LANES invocations per view and node: the gradient by its parameters, as src/lod/gradient.rs.
 // Before: weights, slopes and colours of blend. After: `gradients`.
 
 #include "fit/numbers.glsl"

@@ -13,7 +13,7 @@ struct FitSpan {
     uint first_weight;  // the place of its first pixel in the list of weights
 };
 
-// Of a row: columns `columns & 0xffff` to `columns >> 16`, without the last, and the number of pixels in the rows above.
+// Of a row: columns `columns & 0xffff` to `columns >> 16`, without the last, and the number of pixels in rows above.
 struct FitRow {
     uint columns;
     uint pixels_above;

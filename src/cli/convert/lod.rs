@@ -71,7 +71,7 @@ pub(in crate::cli) struct Args {
     ///
     /// By default a GPU, if there is one. It is faster, and the file has the same bytes.
     #[arg(long, help_heading = DEVICE, value_name = "DEVICE", value_parser = NonEmptyStringValueParser::new())]
-    #[arg(conflicts_with = "keep_levels")]
+    #[arg(requires = "fit_rounds", conflicts_with = "keep_levels")]
     device: Option<String>,
     /// Format of the level [default: by the name of the file]
     #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
@@ -125,8 +125,7 @@ fn write_levels(args: &Args, output: &Path, storage: Option<Options>) -> Result<
     if *keep_levels {
         return pages::keep_levels(&SceneArg { scene: scene.clone(), reading: *reading }, output, settings);
     }
-    let device = if settings.fit_rounds > 0 { open_instead_of_host(args.device.as_deref())? } else { None };
-    let fitter = device.as_ref().map(ShapeFitter::new).transpose()?;
+    let fitter = if settings.fit_rounds > 0 { fitter(args.device.as_deref())? } else { None };
     let files = [scene.clone()];
     let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
     let written = pages::convert(inputs, output, settings, fitter.as_ref().map(|fitter| fitter as &dyn Fitter))?;
@@ -134,6 +133,18 @@ fn write_levels(args: &Args, output: &Path, storage: Option<Options>) -> Result<
         remark(&format!("some shapes were fitted on the host: {failure:#}"));
     }
     Ok(written)
+}
+
+/// What fits shapes in place of the host: the named device, or a GPU that makes the same bits.
+fn fitter(device: Option<&str>) -> Result<Option<ShapeFitter>> {
+    let Some(opened) = open_instead_of_host(device)? else { return Ok(None) };
+    match ShapeFitter::new(&opened) {
+        Err(error) if device.is_none() => {
+            remark(&format!("shapes are fitted on the host: {error:#}"));
+            Ok(None)
+        }
+        made => made.map(Some),
+    }
 }
 
 /// Writes one level of a scene.

@@ -1,5 +1,5 @@
-//! Fits the shapes of groups of nodes: those that wait at the same time together, so that the device has work for all of
-//! its processors.
+//! Fits the shapes of groups of nodes. Groups that wait at the same time are fitted together, so that the device has
+//! work for all of its processors.
 
 use std::mem::take;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -10,14 +10,14 @@ use super::workspace::{Drawn, Part, Plan, Workspace};
 use crate::gpu::{Access, Commands, Device, DispatchSize, Feature, InFlight, Stage};
 use crate::lod::{
     CLAMPED, Descent, Fitter, LEAST_GRADIENT, MOST_CHANGE, MOST_DEVIATIONS, Node, Nodes, PER_ALPHA_MIN, REPLACED,
+    ShapeFit, simplify,
 };
 use crate::render::shaders::FitNode;
 use crate::render::shaders::fit::*;
 use crate::rules::{ALPHA_MAX, ALPHA_MIN};
 
 // Numbers that the host and the shaders both have.
-const _: () = assert!(FIT_ALPHA_MIN == ALPHA_MIN && FIT_PER_ALPHA_MIN == PER_ALPHA_MIN);
-const _: () = assert!(FIT_ALPHA_MAX == ALPHA_MAX && MOST_DEVIATIONS == 6.0);
+const _: () = assert!(FIT_ALPHA_MIN == ALPHA_MIN && FIT_PER_ALPHA_MIN == PER_ALPHA_MIN && MOST_DEVIATIONS == 6.0);
 
 /// Most groups in one submission. Each takes some 0.1 GB of device memory.
 const MOST_GROUPS: usize = 16;
@@ -58,14 +58,14 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl ShapeFitter {
-    /// Builds the pipelines.
+    /// Builds the pipelines, and fits some nodes on the device and on the host.
     ///
     /// # Errors
-    /// If the device has no 64-bit floats, or memory runs out.
+    /// If the device has no 64-bit floats or other bits than the host, or memory runs out.
     pub fn new(device: &Device) -> Result<Self> {
         let capabilities = device.capabilities();
         ensure!(capabilities.has(Feature::DoubleFloats), "{} has no 64-bit floats", capabilities.name);
-        Ok(Self {
+        let fitter = Self {
             device: device.clone(),
             stages: Stages::new(device)?,
             idle: Mutex::default(),
@@ -73,7 +73,14 @@ impl ShapeFitter {
             waiting: Mutex::default(),
             turn: Mutex::default(),
             failure: Mutex::default(),
-        })
+        };
+        let [found, expected] = [Some(&fitter as &dyn Fitter), None]
+            .map(|fitter| simplify(&sample(), SAMPLE / 2, 0.0, ShapeFit { rounds: 2, fitter }).nodes);
+        if let Some(failure) = fitter.failure() {
+            return Err(failure);
+        }
+        ensure!(found == expected, "{} rounds 64-bit floats otherwise than the host", capabilities.name);
+        Ok(fitter)
     }
 
     /// Why a group was left to the host, if one was.
@@ -186,6 +193,25 @@ impl ShapeFitter {
     }
 }
 
+/// Nodes that a new fitter tries.
+const SAMPLE: usize = 256;
+
+fn sample() -> Nodes {
+    let mut state = 1_u32;
+    // From 0 to 1, by a linear congruential generator (Knuth).
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    let mut nodes = Nodes::new(1);
+    for _ in 0..SAMPLE {
+        let (mean, rotation) = ([0; 3].map(|_| next()), [0; 4].map(|_| next() - 0.5));
+        let scale = [0; 3].map(|_| 0.01 + 0.1 * next());
+        nodes.push(Node::leaf(mean, rotation, scale, next()), &[0; 4].map(|_| [0; 3].map(|_| next() - 0.5)));
+    }
+    nodes
+}
+
 impl Fitter for ShapeFitter {
     fn fit(&self, descent: &Descent, parents: &mut Nodes) -> bool {
         let fitted = self.try_fit(descent, parents);
@@ -259,7 +285,7 @@ impl Stages {
             let Drawn { splats, spans, order, .. } = drawn;
             let bindings = BlendBindings { views, splats, spans, rows, order, pictures, weights, slopes, by_colours };
             let Part { nodes, first_view, views, tiles } = *part;
-            let push = BlendPush { nodes, first_view, views, tiles, clamped: CLAMPED };
+            let push = BlendPush { nodes, first_view, views, tiles, alpha_max: ALPHA_MAX, clamped: CLAMPED };
             cmd.dispatch(&self.blend[kind], bindings, push, DispatchSize::Groups(u64::from(views) * u64::from(tiles)));
         });
     }
@@ -301,7 +327,6 @@ fn stage<T>(cmd: &mut Commands, name: &'static str, parts: &[T], record: impl Fn
 mod tests {
     use super::*;
     use crate::gpu::{DeviceChoice, Validation};
-    use crate::lod::{ShapeFit, simplify};
     use crate::procedural::Procedural;
     use crate::scene::along_curve;
 
@@ -335,5 +360,22 @@ mod tests {
         });
         let failure = fitter.failure();
         assert!(failure.is_none(), "{failure:?}");
+    }
+
+    /// Groups for which memory is too small are left to the host.
+    #[test]
+    fn groups_without_memory_are_left() {
+        let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
+        // The sample fits.
+        let device = device.with_small_limit(64 << 20).unwrap();
+        let fitter = ShapeFitter::new(&device).unwrap();
+        let gaussians = Procedural::parse("town:50000").unwrap().unwrap().make().unwrap().gaussians;
+        let children =
+            Nodes::of(&gaussians, along_curve(gaussians.means())[..4096].iter().map(|index| *index as usize));
+        let [expected, found] = [None, Some(&fitter as &dyn Fitter)]
+            .map(|fitter| simplify(&children, 2048, 0.0, ShapeFit { rounds: 9, fitter }).nodes);
+        assert!(expected == found);
+        let failure = fitter.failure().expect("it does not fit").to_string();
+        assert!(failure.contains("bytes of `"), "{failure}");
     }
 }

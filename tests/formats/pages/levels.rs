@@ -202,11 +202,23 @@ fn a_level_is_a_scene_of_any_format() {
     }
     let fitted = path(&folder, "fitted.ply");
     let [merged, fitted] = [("0", &out), ("2", &fitted)].map(|(rounds, out)| {
-        ok(&["lod", &source, "--level", "1", "--fit-rounds", rounds, "-o", out]);
+        let on_host = ["--fit-rounds", rounds, "--device", "host"];
+        ok(&[&["lod", &source, "--level", "1", "-o", out][..], &on_host].concat());
         read(Path::new(out))
     });
     assert!(fitted.len() <= count / 2 && fitted.len() > (count / 2) * 9 / 10, "{}", fitted.len());
     assert!(merged.scales() != fitted.scales());
+    let [on_device, on_host] = [&[][..], &["--device", "host"]].map(|device| {
+        let file = path(&folder, "fitted.smalto");
+        ok(&[&["lod", "cactus:2000", "--fit-rounds", "1", "-o", &file], device].concat());
+        fs::read(file).unwrap()
+    });
+    assert!(on_device == on_host, "a device makes the same bytes");
+    let said =
+        fails(3, &["lod", &source, "--level", "1", "--fit-rounds", "1", "--device", "no such device", "-o", &out]);
+    assert!(said.contains("no such device"), "{said}");
+    let said = fails(2, &["lod", &source, "--level", "1", "--device", "host", "-o", &out]);
+    assert!(said.contains("--fit-rounds"), "{said}");
     let said = fails(2, &["lod", &source, "--level", "1", "-o", "-", "--format", "ply"]);
     assert!(said.contains("standard output"), "{said}");
 }
