@@ -120,5 +120,10 @@ void main() {
         for (uint i = 1; i < FIT_LANES; i++) total += parts[k][lane() + i];
         all[k] = double(total);
     }
-    write(at, view, index, all);
+    // Nodes that are not drawn may have no splat.
+    if (spans[at].first_row == spans[at].end_row) {
+        for (uint k = 0; k < FIT_PARAMETERS; k++) gradients[at].by[k] = 0.0;
+    } else {
+        write(at, view, index, all);
+    }
 }

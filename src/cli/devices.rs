@@ -85,8 +85,8 @@ pub fn open_device(name: Option<String>, memory: Option<u64>) -> Result<Device> 
 /// The name that stands for the processor in place of a device.
 pub(super) const HOST: &str = "host";
 
-/// Opens the named device for work that the processor does, too; by default a GPU. `None` if there is no GPU, or the
-/// processor is named.
+/// Opens the named device, or that of the environment, for work that the processor does, too; without a name, a GPU.
+/// `None` if the processor is named, or no GPU can be opened.
 pub(super) fn open_instead_of_host(name: Option<&str>) -> Result<Option<Device>> {
     if name == Some(HOST) {
         return Ok(None);
@@ -94,10 +94,17 @@ pub(super) fn open_instead_of_host(name: Option<&str>) -> Result<Option<Device>>
     let environment = Environment::read()?;
     let choice = name.map_or_else(|| environment.device.clone(), DeviceChoice::from);
     let is_gpu = |device: &Capabilities| device.missing.is_empty() && device.kind != DeviceKind::Cpu;
-    if choice == DeviceChoice::Best && !survey().is_ok_and(|devices| devices.iter().any(is_gpu)) {
+    let is_named = choice != DeviceChoice::Best;
+    if !is_named && !survey().is_ok_and(|devices| devices.iter().any(is_gpu)) {
         return Ok(None);
     }
-    open(&choice, &environment, MemoryArg { memory: None }).map(|device| Some(with_pipeline_cache(device)))
+    match open(&choice, &environment, MemoryArg { memory: None }) {
+        Err(error) if !is_named => {
+            remark(&format!("no GPU is used: {error:#}"));
+            Ok(None)
+        }
+        opened => Ok(Some(with_pipeline_cache(opened?))),
+    }
 }
 
 /// Opens several devices, each by its number or a part of its name; without names, all that `--device all` takes.

@@ -35,6 +35,6 @@ pub use difference::squared_difference;
 pub use error_code::{CODES_PER_OCTAVE, FINEST, LOWEST_EXPONENT, NEVER, code_below, code_of, value_of_code};
 pub use gradient::CLAMPED;
 pub use node::{Node, Nodes, median};
-pub use raster::{Direction, MOST_DEVIATIONS, PER_ALPHA_MIN, Window};
+pub use raster::{LANES, MOST_DEVIATIONS, PER_ALPHA_MIN, Window};
 pub use replacement::{Replacement, replacement};
 pub use simplify::{Simplified, simplify};

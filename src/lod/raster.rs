@@ -255,7 +255,8 @@ fn draw(splats: &Splats, nodes: &Nodes, drawing: &mut Drawing) {
     for index in splats.order.iter().map(|i| *i as usize) {
         let Splat { mean, conic: [a, b, c], variance_y, compensation, .. } = splats.splats[index];
         let opacity = (f64::from(nodes.nodes[index].opacity) * compensation) as f32;
-        if opacity <= ALPHA_MIN {
+        // It is no number if the conic of a long thin node has rounded to none.
+        if opacity.is_nan() || opacity <= ALPHA_MIN {
             continue;
         }
         let colour = splats.colour(nodes, index);

@@ -68,9 +68,10 @@ pub(in crate::cli) struct Args {
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "keep_levels")]
     #[arg(value_parser = whole::<u32>(0..=100))]
     fit_rounds: Option<u32>,
-    /// Device that fits shapes, as for `smalto render`, or host: the processor
+    /// Device that fits shapes: a number, part of a name, or host: the processor
     ///
-    /// By default a GPU, if there is one. It is faster, and the file has the same bytes.
+    /// The number is that in the list of `smalto doctor`. By default a GPU, if there is one. The file has the same
+    /// bytes.
     #[arg(long, help_heading = DEVICE, value_name = "DEVICE", value_parser = NonEmptyStringValueParser::new())]
     #[arg(requires = "fit_rounds", conflicts_with = "keep_levels")]
     device: Option<String>,
@@ -130,7 +131,7 @@ fn write_levels(args: &Args, output: &Path, storage: Option<Options>) -> Result<
     let files = [scene.clone()];
     let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
     let written = pages::convert(inputs, output, settings, fitter.as_ref().map(|fitter| fitter as &dyn Fitter))?;
-    if let Some(failure) = fitter.and_then(|fitter| fitter.failure()) {
+    if let Some(failure) = fitter.and_then(|fitter| fitter.take_failure()) {
         remark(&format!("some shapes were fitted on the host: {failure:#}"));
     }
     Ok(written)

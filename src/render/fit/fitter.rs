@@ -1,10 +1,12 @@
 //! Fits the shapes of groups of nodes. Groups that wait at the same time are fitted together, so that the device has
 //! work for all of its processors.
 
-use std::mem::take;
+use std::collections::VecDeque;
+use std::iter::once;
+use std::mem::{forget, replace, take};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-use anyhow::{Error, Result, anyhow, ensure};
+use anyhow::{Context, Error, Result, anyhow, ensure};
 
 use super::workspace::{Drawn, Part, Plan, Workspace};
 use crate::gpu::{Access, Commands, Device, DispatchSize, Feature, InFlight, Stage};
@@ -19,8 +21,10 @@ use crate::rules::{ALPHA_MAX, ALPHA_MIN};
 // Numbers that the host and the shaders both have.
 const _: () = assert!(FIT_ALPHA_MIN == ALPHA_MIN && FIT_PER_ALPHA_MIN == PER_ALPHA_MIN && MOST_DEVIATIONS == 6.0);
 
-/// Most groups in one submission. Each takes some 0.1 GB of device memory.
+/// Most groups in one submission. Most take some 0.1 GB of device memory.
 const MOST_GROUPS: usize = 16;
+/// Most rounds in one submission: a slow device must not keep a desktop waiting for long.
+const MOST_ROUNDS: usize = 4;
 
 /// Fits shapes on a device, with the bits of the host.
 pub struct ShapeFitter {
@@ -53,6 +57,16 @@ struct Group {
 /// The workspace of a group and its fitted nodes, or none if they did not fit into the workspace.
 type Finished = (Workspace, Result<Option<Vec<FitNode>>>);
 
+/// A workspace that is not idle. If it is lost, another one may be made.
+struct Lent<'f>(&'f ShapeFitter);
+
+impl Drop for Lent<'_> {
+    fn drop(&mut self) {
+        locked(&self.0.idle).made -= 1;
+        self.0.freed.notify_one();
+    }
+}
+
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -76,29 +90,29 @@ impl ShapeFitter {
         };
         let [found, expected] = [Some(&fitter as &dyn Fitter), None]
             .map(|fitter| simplify(&sample(), SAMPLE / 2, 0.0, ShapeFit { rounds: 2, fitter }).nodes);
-        if let Some(failure) = fitter.failure() {
+        if let Some(failure) = fitter.take_failure() {
             return Err(failure);
         }
-        ensure!(found == expected, "{} rounds 64-bit floats otherwise than the host", capabilities.name);
+        ensure!(found == expected, "{} makes other bits than the host", capabilities.name);
         Ok(fitter)
     }
 
-    /// Why a group was left to the host, if one was.
-    pub fn failure(&self) -> Option<Error> {
+    /// Why a group was left to the host, if one was since the last call.
+    pub fn take_failure(&self) -> Option<Error> {
         locked(&self.failure).take()
     }
 
-    fn take_workspace(&self) -> Result<Workspace> {
+    fn take_workspace(&self) -> Result<(Workspace, Lent<'_>)> {
         let mut idle = locked(&self.idle);
         loop {
             if let Some(workspace) = idle.workspaces.pop() {
-                return Ok(workspace);
+                return Ok((workspace, Lent(self)));
             }
             if idle.made < MOST_GROUPS {
                 match Workspace::new(&self.device) {
                     Ok(workspace) => {
                         idle.made += 1;
-                        return Ok(workspace);
+                        return Ok((workspace, Lent(self)));
                     }
                     Err(error) if idle.made == 0 => return Err(error),
                     Err(_) => {}
@@ -108,19 +122,23 @@ impl ShapeFitter {
         }
     }
 
-    fn give_back(&self, workspace: Workspace) {
-        locked(&self.idle).workspaces.push(workspace);
-        self.freed.notify_one();
+    fn give_back(&self, workspace: Workspace, lent: Lent) {
+        if !workspace.is_large() {
+            forget(lent);
+            locked(&self.idle).workspaces.push(workspace);
+            self.freed.notify_one();
+        }
     }
 
     /// Fits the parents. Lists that are too small grow.
     fn try_fit(&self, descent: &Descent, parents: &mut Nodes) -> Result<()> {
-        let mut workspace = self.take_workspace()?;
+        let (mut workspace, lent) = self.take_workspace()?;
         loop {
             let fitted = match workspace.load(&self.device, descent, parents) {
                 Ok((plan, upload)) => {
-                    let fitted;
-                    (workspace, fitted) = self.run(workspace, plan, upload);
+                    let finished = self.run(workspace, plan, upload);
+                    let (used, fitted) = finished.context("the thread that submits groups has panicked")?;
+                    workspace = used;
                     fitted
                 }
                 Err(error) => Err(error),
@@ -140,13 +158,14 @@ impl ShapeFitter {
                 },
                 Err(error) => Err(error),
             };
-            self.give_back(workspace);
+            self.give_back(workspace, lent);
             return done;
         }
     }
 
-    /// Runs a group, and those that wait with it, unless another thread has done so.
-    fn run(&self, workspace: Workspace, plan: Plan, upload: InFlight) -> Finished {
+    /// Runs a group, and those that wait with it, unless another thread has done so. `None` if that thread has
+    /// panicked.
+    fn run(&self, workspace: Workspace, plan: Plan, upload: InFlight) -> Option<Finished> {
         let finished = Arc::default();
         locked(&self.waiting).push(Group { workspace, plan, upload, finished: Arc::clone(&finished) });
         let turn = locked(&self.turn);
@@ -155,20 +174,21 @@ impl ShapeFitter {
             self.run_together(groups);
         }
         drop(turn);
-        let finished = locked(&finished).take();
-        finished.expect("the groups that waited are done")
+        locked(&finished).take()
     }
 
     fn run_together(&self, groups: Vec<Group>) {
-        let found = self.submit(&groups);
-        for (i, group) in groups.into_iter().enumerate() {
-            let Group { workspace, upload, finished, .. } = group;
-            let fitted = match &found {
-                Ok(found) => Ok(found[i].clone()),
-                Err(error) => Err(anyhow!("{error:#}")),
-            };
-            // The commands after it have finished.
+        let mut found: VecDeque<Result<_>> = match self.submit(&groups) {
+            Ok(found) => found.into_iter().map(Ok).collect(),
+            Err(error) => {
+                let copies: Vec<_> = (1..groups.len()).map(|_| Err(anyhow!("{error:#}"))).collect();
+                once(Err(error)).chain(copies).collect()
+            }
+        };
+        for Group { workspace, upload, finished, .. } in groups {
+            // This waits if the submission has failed.
             drop(upload);
+            let fitted = found.pop_front().expect("each group has a result");
             *locked(&finished) = Some((workspace, fitted));
         }
     }
@@ -177,7 +197,15 @@ impl ShapeFitter {
     fn submit(&self, groups: &[Group]) -> Result<Vec<Option<Vec<FitNode>>>> {
         let mut cmd = Commands::new(&self.device)?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
-        self.stages.record(&mut cmd, groups);
+        self.stages.record_children(&mut cmd, groups);
+        let (mut earlier, rounds) = (Vec::new(), groups.iter().map(|group| group.plan.rounds.len()).max().unwrap_or(0));
+        for first in (0..rounds).step_by(MOST_ROUNDS) {
+            let end = rounds.min(first + MOST_ROUNDS);
+            (first..end).for_each(|round| self.stages.record_round(&mut cmd, groups, round));
+            if end < rounds {
+                earlier.push(replace(&mut cmd, Commands::new(&self.device)?).submit()?);
+            }
+        }
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let mut read = Vec::new();
         for Group { workspace, .. } in groups {
@@ -232,6 +260,7 @@ struct Stages {
 
 /// Invocations of a workgroup.
 const WORKGROUP: u32 = 256;
+const _: () = assert!(FIT_TILE * FIT_TILE == WORKGROUP);
 
 impl Stages {
     fn new(device: &Device) -> Result<Self> {
@@ -246,18 +275,18 @@ impl Stages {
         })
     }
 
-    /// Records all rounds of some groups.
-    fn record(&self, cmd: &mut Commands, groups: &[Group]) {
+    fn record_children(&self, cmd: &mut Commands, groups: &[Group]) {
         let all = groups.iter().map(|group| (group, &group.workspace.children, group.plan.children));
         self.record_pictures(cmd, &all.collect::<Vec<_>>(), 0);
-        for round in 0..groups.iter().map(|group| group.plan.rounds.len()).max().unwrap_or(0) {
-            let with_round = groups.iter().filter(|group| round < group.plan.rounds.len());
-            let parts: Vec<_> =
-                with_round.map(|group| (group, &group.workspace.parents, group.plan.part(round))).collect();
-            self.record_pictures(cmd, &parts, 1);
-            stage(cmd, "gradient", &parts, |cmd, (group, _, part)| self.record_gradient(cmd, &group.workspace, *part));
-            stage(cmd, "step", &parts, |cmd, (group, _, part)| self.record_step(cmd, group, round, *part));
-        }
+    }
+
+    /// Records a round of the groups that have it.
+    fn record_round(&self, cmd: &mut Commands, groups: &[Group], round: usize) {
+        let with_round = groups.iter().filter(|group| round < group.plan.rounds.len());
+        let parts: Vec<_> = with_round.map(|group| (group, &group.workspace.parents, group.plan.part(round))).collect();
+        self.record_pictures(cmd, &parts, 1);
+        stage(cmd, "gradient", &parts, |cmd, (group, _, part)| self.record_gradient(cmd, &group.workspace, *part));
+        stage(cmd, "step", &parts, |cmd, (group, _, part)| self.record_step(cmd, group, round, *part));
     }
 
     /// Records the pictures of children (0) or parents (1).
@@ -358,7 +387,7 @@ mod tests {
                 threads.spawn(move || fit_both(group("cactus:60000", first..first + 500), rounds));
             }
         });
-        let failure = fitter.failure();
+        let failure = fitter.take_failure();
         assert!(failure.is_none(), "{failure:?}");
     }
 
@@ -375,7 +404,7 @@ mod tests {
         let [expected, found] = [None, Some(&fitter as &dyn Fitter)]
             .map(|fitter| simplify(&children, 2048, 0.0, ShapeFit { rounds: 9, fitter }).nodes);
         assert!(expected == found);
-        let failure = fitter.failure().expect("it does not fit").to_string();
+        let failure = fitter.take_failure().expect("it does not fit").to_string();
         assert!(failure.contains("bytes of `"), "{failure}");
     }
 }

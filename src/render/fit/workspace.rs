@@ -3,12 +3,12 @@
 use anyhow::{Result, ensure};
 
 use crate::gpu::{Buffer, Commands, Device, DispatchSize, Element, InFlight};
-use crate::lod::{Descent, Node, Nodes, ROUND_DIRECTIONS, Round, Window};
-use crate::render::shaders::fit::{FIT_FUNCTIONS, FIT_TILE};
+use crate::lod::{Descent, LANES, Node, Nodes, ROUND_DIRECTIONS, Round, Window};
+use crate::render::shaders::fit::{FIT_FUNCTIONS, FIT_LANES, FIT_TILE};
 use crate::render::shaders::{FitGradient, FitNode, FitRow, FitSpan, FitSplat, FitState, FitUse, FitView};
 use crate::scene::{harmonics, sh_coefficients};
 
-const _: () = assert!(FIT_FUNCTIONS as usize == harmonics::FUNCTIONS);
+const _: () = assert!(FIT_FUNCTIONS as usize == harmonics::FUNCTIONS && FIT_LANES as usize == LANES);
 
 /// Rows and weights that there is room for at first, and at most.
 const ROOM: [usize; 2] = [1 << 20, 1 << 21];
@@ -158,13 +158,20 @@ impl Workspace {
         })
     }
 
+    /// True if a group needed much more than others usually do.
+    pub fn is_large(&self) -> bool {
+        self.rows.len() > 4 * ROOM[0] || self.weights.len() > 4 * ROOM[1]
+    }
+
     /// Makes room for more rows and weights.
     pub fn grow(&mut self, device: &Device) -> Result<()> {
         let room = [self.rows.len(), self.weights.len()];
         ensure!(room != MOST_ROOM, "the pictures of a group have too many rows");
-        reserve(device, &mut self.rows, MOST_ROOM[0].min(2 * room[0]))?;
-        reserve(device, &mut self.weights, MOST_ROOM[1].min(2 * room[1]))?;
-        reserve(device, &mut self.slopes, MOST_ROOM[1].min(2 * room[1]))
+        let [rows, weights] = [0, 1].map(|i| MOST_ROOM[i].min(2 * room[i]));
+        reserve(device, &mut self.rows, rows)?;
+        // Before the weights, by whose number the room is known.
+        reserve(device, &mut self.slopes, weights)?;
+        reserve(device, &mut self.weights, weights)
     }
 
     /// Makes room for a group, and submits its upload.
