@@ -26,6 +26,7 @@ layout(push_constant, scalar) uniform Push {
     uint gaussians;
 } push;
 
+#include "shared/ordered.glsl"
 #include "arrays/arrays.glsl"
 #include "arrays/examined.glsl"
 
@@ -38,11 +39,6 @@ const uint LARGEST_SCALE = 6, SMALLEST_SCALE = 7, FLAT_SHAPES = 8, OPACITY = 9, 
 shared uint largest[LARGEST];
 shared uint flawed, kept;
 shared double parts[WORKGROUP];
-
-// A key in the order of the floats.
-uint ordered(uint bits) {
-    return (bits & SIGN) != 0 ? ~bits : bits | SIGN;
-}
 
 // True if the host has to judge the mean, the rotation, a scale or the opacity.
 bool is_shape_flawed(uint gaussian) {

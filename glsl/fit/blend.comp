@@ -16,7 +16,7 @@ layout(binding = 1, scalar) readonly buffer Splats { FitSplat splats[]; };   // 
 layout(binding = 2, scalar) readonly buffer Spans { FitSpan spans[]; };      // [views nodes]
 layout(binding = 3, scalar) readonly buffer Rows { FitRow rows[]; };
 layout(binding = 4, scalar) readonly buffer Order { uint order[]; };         // [views nodes]
-layout(binding = 5, scalar) buffer Pictures { vec4 pictures[]; };            // [pixels]: and transmittance
+layout(binding = 5, scalar) buffer Pictures { vec4 pictures[]; };            // [pixels]: colour, transmittance
 layout(binding = 6, scalar) buffer Weights { float weights[]; };             // [weight_capacity]
 layout(binding = 7, scalar) writeonly buffer Slopes { float slopes[]; };     // [weight_capacity]: by the log of alpha
 layout(binding = 8, scalar) writeonly buffer ByColours { vec3 by_colours[]; };  // [pixels of the round]
@@ -29,11 +29,11 @@ layout(push_constant, scalar) uniform Push {
     float clamped;  // larger alphas are clamped ones
 } push;
 
-// Nodes that touch the tile, of WORKGROUP in the order.
+// The near nodes: those of WORKGROUP nodes of the order that touch the tile.
 shared FitSplat near_splats[WORKGROUP];
 shared FitSpan near_spans[WORKGROUP];
 
-// Loads those of a part of the order. Returns their number. The whole workgroup must call it.
+// Loads the near nodes of the order from `begin` on. Returns their number. The whole workgroup must call it.
 uint load_near(uint number, uint begin, uvec2 tile) {
     uint place = begin + lane();
     bool touches = false;
@@ -55,11 +55,11 @@ uint load_near(uint number, uint begin, uvec2 tile) {
     return total;
 }
 
-// The rows of the tile in some of these nodes: the columns, and the place of the weight of the first one.
+// The rows of the tile in STAGED near nodes: the columns, and the place of the weight of the first one.
 const uint STAGED = WORKGROUP / FIT_TILE;
 shared uvec2 staged[STAGED][FIT_TILE];
 
-// Loads those of STAGED nodes from `first` on, of `near`. The whole workgroup must call it.
+// Loads the rows of STAGED near nodes from `first` on, of `near`. The whole workgroup must call it.
 void stage_rows(uint first, uint near, uint tile_y) {
     uint node = lane() / FIT_TILE, row = tile_y + lane() % FIT_TILE;
     uvec2 found = uvec2(0);
@@ -70,7 +70,7 @@ void stage_rows(uint first, uint near, uint tile_y) {
             found = uvec2(record.columns, span.first_weight + record.pixels_above);
         }
     }
-    barrier();  // lanes may still read those of an earlier call
+    barrier();  // lanes may still read the rows of an earlier call
     staged[node][lane() % FIT_TILE] = found;
     barrier();
 }

@@ -7,6 +7,7 @@
 
 layout(constant_id = 3) const bool KEEPS_WEIGHTS = true;
 
+#include "shared/ordered.glsl"
 #include "fit/numbers.glsl"
 #include "fit/node.glsl"
 #include "fit/rows.glsl"
@@ -29,7 +30,6 @@ layout(push_constant, scalar) uniform Push {
 } push;
 
 const double LOW_PASS = 0.300000011920928955078125LF;
-const double MOST_DEVIATIONS = 6.0LF;
 
 // Pixels from x to y, without y, whose centres lie within `reach` of `middle`, of `count`.
 uvec2 centres_within(float middle, float reach, uint count) {
@@ -76,11 +76,10 @@ void main() {
     dvec2 origin = dvec2(packDouble2x32(views[view].origin[0]), packDouble2x32(views[view].origin[1]));
     precise dvec2 mean = (dvec2(product(right, centre), product(down, centre)) - origin) / px;
     float largest = max(max(node.scale[0], node.scale[1]), node.scale[2]);
-    precise double cull_reach = MOST_DEVIATIONS * (double(largest) / px + sqrt(LOW_PASS));
+    precise double cull_reach = double(FIT_MOST_DEVIATIONS) * (double(largest) / px + sqrt(LOW_PASS));
     if (any(lessThan(mean, dvec2(-cull_reach))) || any(greaterThan(mean, dvec2(size) + cull_reach))) return;
     float depth = float(product(doubles(views[view].forward), centre));
-    uint bits = floatBitsToUint(depth);
-    depths[at] = (bits & 0x80000000u) != 0 ? ~bits : bits | 0x80000000u;
+    depths[at] = ordered(floatBitsToUint(depth));
 
     dvec3 axes[3] = columns_of(turn_of(node));
     dvec3 u, v;

@@ -3,7 +3,7 @@
 const uint FIT_TILE = 16;  // width and height of the tiles that a workgroup blends, px
 const uint FIT_LANES = 8;  // numbers that one instruction of the host works on, in sums over pixels
 
-// Of a node in a picture.
+// The pixels of a node in a picture.
 struct FitSpan {
     uint first_row;
     uint end_row;
@@ -13,7 +13,7 @@ struct FitSpan {
     uint first_weight;  // the place of its first pixel in the list of weights
 };
 
-// Of a row: columns `columns & 0xffff` to `columns >> 16`, without the last, and the number of pixels in rows above.
+// The pixels of a row: columns `columns & 0xffff` to `columns >> 16`, without the last, and the number in rows above.
 struct FitRow {
     uint columns;
     uint pixels_above;

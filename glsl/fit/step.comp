@@ -65,11 +65,12 @@ void main() {
     dvec4 old = turn_of(node);
     dvec3 axes[3] = columns_of(old);
     precise dvec3 half_turn = 0.5LF * dvec3(steps[6], steps[7], steps[8]);
+    // The product of the old turn and a small one, half_turn and 1.
     precise dvec4 product_of_turns = dvec4(
-        old.w * half_turn.x + old.x * 1.0LF + old.y * half_turn.z - old.z * half_turn.y,
-        old.w * half_turn.y - old.x * half_turn.z + old.y * 1.0LF + old.z * half_turn.x,
-        old.w * half_turn.z + old.x * half_turn.y - old.y * half_turn.x + old.z * 1.0LF,
-        old.w * 1.0LF - old.x * half_turn.x - old.y * half_turn.y - old.z * half_turn.z);
+        old.w * half_turn.x + old.x + old.y * half_turn.z - old.z * half_turn.y,
+        old.w * half_turn.y - old.x * half_turn.z + old.y + old.z * half_turn.x,
+        old.w * half_turn.z + old.x * half_turn.y - old.y * half_turn.x + old.z,
+        old.w - old.x * half_turn.x - old.y * half_turn.y - old.z * half_turn.z);
     dvec4 turn = normalized(product_of_turns);
     precise dvec3 moved = scaled(scaled(axes[0], double(node.scale[0])), double(steps[0]));
     moved += scaled(scaled(axes[1], double(node.scale[1])), double(steps[1]));

@@ -47,14 +47,8 @@ pub fn convert(
 ) -> Result<(Written, usize, Vec<String>)> {
     let bar = progress::Bar::new("converting");
     let input = SceneArg { scene: inputs.files[0].clone(), reading: inputs.reading };
-    let job = Job {
-        output,
-        settings,
-        title: input.title(),
-        fitter,
-        progress: &|fraction| bar.set(fraction),
-        is_cancelled: &|| false,
-    };
+    let progress = |fraction| bar.set(fraction);
+    let job = Job { fitter, progress: &progress, ..Job::new(output, settings, &input.title()) };
     let streamed = if inputs.files.len() == 1 { streamed(inputs, &input, &job)? } else { None };
     let (finished, removed) = match streamed {
         Some(finished) => finished,
@@ -111,7 +105,7 @@ fn write_job(
 ) -> Result<Written> {
     let bar = progress::Bar::new("writing pages");
     let progress = |fraction| bar.set(fraction);
-    let job = Job { output, settings, title, fitter: None, progress: &progress, is_cancelled: &|| false };
+    let job = Job { progress: &progress, ..Job::new(output, settings, &title) };
     written(output, &write(&job)?)
 }
 

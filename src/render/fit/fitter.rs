@@ -19,7 +19,8 @@ use crate::render::shaders::fit::*;
 use crate::rules::{ALPHA_MAX, ALPHA_MIN};
 
 // Numbers that the host and the shaders both have.
-const _: () = assert!(FIT_ALPHA_MIN == ALPHA_MIN && FIT_PER_ALPHA_MIN == PER_ALPHA_MIN && MOST_DEVIATIONS == 6.0);
+const _: () = assert!(FIT_ALPHA_MIN == ALPHA_MIN && FIT_PER_ALPHA_MIN == PER_ALPHA_MIN);
+const _: () = assert!(FIT_MOST_DEVIATIONS as f64 == MOST_DEVIATIONS);
 
 /// Most groups in one submission. Most take some 0.1 GB of device memory.
 const MOST_GROUPS: usize = 16;
@@ -249,10 +250,10 @@ impl Fitter for ShapeFitter {
 
 /// The stages of a round, and of the pictures of children.
 struct Stages {
-    /// Of the children and of the parents: the second keeps weights for the way back.
+    /// One for children and one for parents, which keeps weights for the way back.
     project: [Stage<Project>; 2],
     rank: Stage<Rank>,
-    /// Of the children and of the parents: the second compares with the pictures of the first.
+    /// One for children and one for parents, which compares with the pictures of the children.
     blend: [Stage<Blend>; 2],
     gradient: Stage<Gradient>,
     step: Stage<Step>,
@@ -378,7 +379,7 @@ mod tests {
             let gaussians = Procedural::parse(scene).unwrap().unwrap().make().unwrap().gaussians;
             Nodes::of(&gaussians, along_curve(gaussians.means())[nodes].iter().map(|index| *index as usize))
         };
-        // More rounds than directions; wide nodes; one that is alone.
+        // More rounds than have directions of their own; wide nodes.
         for (scene, nodes, rounds) in [("cactus:60000", 40_000..40_700, 9), ("town:50000", 45_056..46_500, 1)] {
             fit_both(group(scene, nodes), rounds);
         }

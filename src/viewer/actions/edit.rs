@@ -367,9 +367,8 @@ fn write_edited(
 ) -> Result<String> {
     let count = |gaussians: usize| indicatif::HumanCount(gaussians as u64);
     if file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("smalto")) {
-        let title = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let settings = write::Settings::default();
-        let job = Job { output: file, settings, title, fitter: None, progress, is_cancelled: &|| false };
+        let title = file.file_name().unwrap_or_default().to_string_lossy();
+        let job = Job { progress, ..Job::new(file, write::Settings::default(), &title) };
         let number = gaussians.len();
         let scene = Scene { gaussians, is_antialiased, ..Scene::empty("edited") };
         write::write_whole(&job, &scene)?;
