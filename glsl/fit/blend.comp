@@ -1,11 +1,13 @@
 #version 460
 #include "shared/workgroup.glsl"
 // One workgroup per tile of FIT_TILE x FIT_TILE px of a view: blends the nodes front to back, as `draw` in
-// src/lod/raster.rs. Without HAS_EXPECTED, it writes the picture. With it, it walks the nodes from back to front, too,
-// and writes what src/lod/gradient.rs sums up over the pixels of a node.
-// Before: splats, spans, rows and order. After: `pictures`, or `weights`, `slopes` and `by_colours`.
+// src/lod/raster.rs. With WALKS_BACK, it walks the nodes from back to front, too, and writes what src/lod/gradient.rs
+// sums up over the pixels of a node.
+// Before: splats, spans, rows and order; with WALKS_BACK the `pictures` of the children. After: `pictures`; with
+// KEEPS_WEIGHTS `covered` and `weights`, too; with WALKS_BACK `weights`, `slopes` and `by_colours`.
 
-layout(constant_id = 3) const bool HAS_EXPECTED = true;
+layout(constant_id = 3) const bool KEEPS_WEIGHTS = true;
+layout(constant_id = 4) const bool WALKS_BACK = true;  // only with KEEPS_WEIGHTS
 
 #include "fit/numbers.glsl"
 #include "fit/node.glsl"
@@ -19,7 +21,8 @@ layout(binding = 4, scalar) readonly buffer Order { uint order[]; };         // 
 layout(binding = 5, scalar) buffer Pictures { vec4 pictures[]; };            // [pixels]: colour, transmittance
 layout(binding = 6, scalar) buffer Weights { float weights[]; };             // [weight_capacity]
 layout(binding = 7, scalar) writeonly buffer Slopes { float slopes[]; };     // [weight_capacity]: by the log of alpha
-layout(binding = 8, scalar) writeonly buffer ByColours { vec3 by_colours[]; };  // [pixels of the round]
+layout(binding = 8, scalar) writeonly buffer ByColours { float by_colours[]; };  // [3 pixels of the round]
+layout(binding = 9, scalar) writeonly buffer Covered { float covered[]; };   // [pixels]: weights of new nodes
 layout(push_constant, scalar) uniform Push {
     uint nodes;
     uint first_view;
@@ -100,6 +103,7 @@ void main() {
     uvec2 pixel = tile + uvec2(lane() % FIT_TILE, lane() / FIT_TILE);
 
     vec4 drawn = vec4(0.0, 0.0, 0.0, 1.0);
+    precise float of_new = 0.0;
     for (uint begin = 0; begin < push.nodes; begin += WORKGROUP) {
         uint near = load_near(number, begin, tile);
         for (uint first = 0; first < near; first += STAGED) {
@@ -114,14 +118,16 @@ void main() {
                 precise vec4 sum = drawn
                     + vec4(splat.colour[0] * weight, splat.colour[1] * weight, splat.colour[2] * weight, -weight);
                 drawn = sum;
-                if (HAS_EXPECTED) weights[row.y + pixel.x - begin_column] = weight;
+                if (KEEPS_WEIGHTS) weights[row.y + pixel.x - begin_column] = weight;
+                if (KEEPS_WEIGHTS && splat.is_new > 0.0) of_new += weight;
             }
         }
     }
     bool exists = pixel.x < width && pixel.y < height;
     uint at = views[view].first_pixel + pixel.y * width + pixel.x;
-    if (!HAS_EXPECTED) {
+    if (!WALKS_BACK) {
         if (exists) pictures[at] = drawn;
+        if (KEEPS_WEIGHTS && exists) covered[at] = of_new;
         return;
     }
 
@@ -130,7 +136,8 @@ void main() {
     precise vec3 on_white = on_black.xyz + on_black.w;
     precise vec3 by_colour = on_black.xyz + on_white;
     precise float by_passing = on_white.x + on_white.y + on_white.z;
-    if (exists) by_colours[at - views[push.first_view].first_pixel] = by_colour;
+    uint first_value = 3 * (at - views[push.first_view].first_pixel);
+    for (uint k = 0; exists && k < 3; k++) by_colours[first_value + k] = by_colour[k];
     // As `add` in src/lod/gradient.rs.
     vec4 behind = vec4(0.0, 0.0, 0.0, 1.0);
     float passing = drawn.w;

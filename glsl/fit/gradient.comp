@@ -15,7 +15,7 @@ layout(binding = 3, scalar) readonly buffer Spans { FitSpan spans[]; };         
 layout(binding = 4, scalar) readonly buffer Rows { FitRow rows[]; };
 layout(binding = 5, scalar) readonly buffer Weights { float weights[]; };
 layout(binding = 6, scalar) readonly buffer Slopes { float slopes[]; };
-layout(binding = 7, scalar) readonly buffer ByColours { vec3 by_colours[]; };        // [pixels of the round]
+layout(binding = 7, scalar) readonly buffer ByColours { float by_colours[]; };       // [3 pixels of the round]
 layout(binding = 8, scalar) writeonly buffer Gradients { FitGradient gradients[]; };  // [views nodes]
 layout(push_constant, scalar) uniform Push {
     uint nodes;
@@ -95,7 +95,8 @@ void main() {
                     uint loaded = min(column + i * FIT_LANES, end - 1);
                     weight[i] = weights[place + loaded];
                     slope[i] = slopes[place + loaded];
-                    by_colour[i] = by_colours[first_pixel + (row - 1) * width + loaded];
+                    uint at_pixel = 3 * (first_pixel + (row - 1) * width + loaded);
+                    for (uint k = 0; k < 3; k++) by_colour[i][k] = by_colours[at_pixel + k];
                 }
                 for (uint i = 0; i < LOADED && column + i * FIT_LANES < end; i++) {
                     precise float by_x = slope[i] * x, by_y = slope[i] * y;

@@ -8,6 +8,7 @@ struct FitNode {
     float opacity;
     float size;
     float colour[3];  // red, green and blue of the harmonics of degree 0
+    float is_new;     // 1 for a parent of several children, or 0
 };
 
 const uint FIT_FUNCTIONS = 25;  // basis functions of spherical harmonics
@@ -31,6 +32,7 @@ struct FitSplat {
     float conic[3];
     float opacity;
     float colour[3];
+    float is_new;
 };
 
 dvec3 doubles(uvec2 words[3]) {

@@ -4,6 +4,7 @@
 const float FIT_ALPHA_MIN = 0.00392156862745098;  // 1 / 255
 const float FIT_PER_ALPHA_MIN = 255.0;
 const float FIT_MOST_DEVIATIONS = 6.0;  // standard deviations beyond which no alpha reaches the threshold
+const float FIT_LEAST = 1e-24;  // smaller squared differences, and smaller sums over pixels, count as 0
 const float LN_2 = 0.6931471805599453;
 const float LOG_2_E = 1.4426950408889634;
 

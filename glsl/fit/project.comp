@@ -109,6 +109,7 @@ void main() {
     vec2 mean_px = vec2(mean);
     splat.mean = float[2](mean_px.x, mean_px.y);
     splat.opacity = opacity;
+    splat.is_new = node.is_new;
     splats[at] = splat;
     if (!(opacity > FIT_ALPHA_MIN)) return;
 

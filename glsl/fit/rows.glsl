@@ -2,6 +2,7 @@
 
 const uint FIT_TILE = 16;  // width and height of the tiles that a workgroup blends, px
 const uint FIT_LANES = 8;  // numbers that one instruction of the host works on, in sums over pixels
+const uint FIT_RESIDUALS = 5;  // values of a pixel by which opacities and colours are fitted
 
 // The pixels of a node in a picture.
 struct FitSpan {

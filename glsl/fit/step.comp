@@ -8,15 +8,6 @@
 #include "fit/parameters.glsl"
 #include "fit/rows.glsl"
 
-// Means over the rounds, and limits.
-struct FitState {
-    float gradient[FIT_PARAMETERS];
-    float square[FIT_PARAMETERS];
-    float merged_scale[3];
-    float merged_opacity;
-    float is_fitted;  // 1 or 0
-};
-
 layout(binding = 0, scalar) readonly buffer Gradients { FitGradient gradients[]; };  // [views nodes]
 layout(binding = 1, scalar) buffer Nodes { FitNode nodes[]; };                       // [nodes]
 layout(binding = 2, scalar) buffer States { FitState states[]; };                    // [nodes]

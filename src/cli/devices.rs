@@ -85,8 +85,9 @@ pub fn open_device(name: Option<String>, memory: Option<u64>) -> Result<Device> 
 /// The name that stands for the processor in place of a device.
 pub(super) const HOST: &str = "host";
 
-/// Opens the named device, or that of the environment, for work that the processor does, too; without a name, a GPU.
-/// `None` if the processor is named, or no GPU can be opened.
+/// Opens the named device for work that the processor does, too; without a name that of the environment, or a GPU. `None`
+/// if the processor is named, or if none is named and no GPU can be opened: software devices are slower than the
+/// processor without them.
 pub(super) fn open_instead_of_host(name: Option<&str>) -> Result<Option<Device>> {
     if name == Some(HOST) {
         return Ok(None);
@@ -94,12 +95,12 @@ pub(super) fn open_instead_of_host(name: Option<&str>) -> Result<Option<Device>>
     let environment = Environment::read()?;
     let choice = name.map_or_else(|| environment.device.clone(), DeviceChoice::from);
     let is_gpu = |device: &Capabilities| device.missing.is_empty() && device.kind != DeviceKind::Cpu;
-    let is_named = choice != DeviceChoice::Best;
-    if !is_named && !survey().is_ok_and(|devices| devices.iter().any(is_gpu)) {
+    if name.is_none() && !survey().is_ok_and(|devices| devices.iter().any(is_gpu)) {
         return Ok(None);
     }
     match open(&choice, &environment, MemoryArg { memory: None }) {
-        Err(error) if !is_named => {
+        Ok(device) if name.is_none() && !is_gpu(device.capabilities()) => Ok(None),
+        Err(error) if choice == DeviceChoice::Best => {
             remark(&format!("no GPU is used: {error:#}"));
             Ok(None)
         }

@@ -46,28 +46,13 @@ fn directions() -> impl Iterator<Item = Direction> {
 /// Parents whose shapes are fitted to pictures of their children.
 pub struct Descent<'d> {
     pub children: &'d Nodes,
-    /// The pictures: [`ROUND_DIRECTIONS`] for each round, in turn.
-    pub windows: &'d [Window],
+    /// The pictures: [`ROUND_DIRECTIONS`] for each round, in turn. None without rounds.
+    pub windows: Vec<Window>,
     /// For each parent, whether it is fitted.
     pub is_fitted: &'d [bool],
     /// The corners of a box that keeps all means.
     pub bounds: ([f32; 3], [f32; 3]),
     pub rounds: u32,
-}
-
-/// Another machine that fits shapes, with the same bits as [`Descent::on_host`].
-pub trait Fitter: Sync {
-    /// Fits the parents; returns false, and leaves them, if it cannot.
-    fn fit(&self, descent: &Descent, parents: &mut Nodes) -> bool;
-}
-
-/// How the shapes of parents are fitted.
-#[derive(Clone, Copy, Default)]
-pub struct ShapeFit<'f> {
-    /// No shapes are fitted if there are none.
-    pub rounds: u32,
-    /// The host, if there is none.
-    pub fitter: Option<&'f dyn Fitter>,
 }
 
 /// What differs from round to round.
@@ -83,14 +68,14 @@ pub struct Round {
 pub const REPLACED: [f32; 2] = [1.0 - KEPT[0], 1.0 - KEPT[1]];
 
 /// The windows of some rounds around the children. `px`: the usual width of a pixel, world units.
-pub fn windows(children: &Nodes, px: f64, rounds: u32) -> Vec<Window> {
+pub fn shape_windows(children: &Nodes, px: f64, rounds: u32) -> Vec<Window> {
     let directions = directions().take(ROUND_DIRECTIONS * rounds as usize);
     directions.map(|direction| Window::within(children, direction, PX * px, MARGIN * px)).collect()
 }
 
 impl Descent<'_> {
     pub fn each_round(&self) -> impl Iterator<Item = Round> {
-        let (last, mut missing) = ((self.rounds - 1).max(1) as f32, [1.0, 1.0]);
+        let (last, mut missing) = (self.rounds.saturating_sub(1).max(1) as f32, [1.0, 1.0]);
         (0..self.rounds).map(move |round| {
             missing = [0, 1].map(|power| missing[power] * KEPT[power]);
             Round {
@@ -158,7 +143,7 @@ pub fn change(node: &mut Node, sh: &mut [f32; 3], step: &Parameters) {
 mod tests {
     use super::*;
     use crate::lod::difference::from_other_directions;
-    use crate::lod::simplify;
+    use crate::lod::{FitOptions, simplify};
     use crate::procedural::cactus;
     use crate::scene::along_curve;
 
@@ -179,7 +164,8 @@ mod tests {
     fn fitted_shapes_are_better_from_other_directions() {
         let scene = cactus::cactus(60_000).unwrap().gaussians;
         let children = Nodes::of(&scene, along_curve(scene.means())[..2048].iter().map(|index| *index as usize));
-        let [merged, fitted] = [0, 12].map(|rounds| simplify(&children, 512, 0.0, ShapeFit { rounds, fitter: None }));
+        let [merged, fitted] =
+            [0, 12].map(|shape_rounds| simplify(&children, 512, 0.0, FitOptions { shape_rounds, fitter: None }));
         let px = f64::from(merged.reference_width);
         let [before, after] = [&merged, &fitted].map(|found| from_other_directions(&children, &found.nodes, px));
         let part = after / before;
@@ -189,7 +175,7 @@ mod tests {
         assert!(fitted.nodes.nodes.iter().all(is_within));
         let is_covered = |node: &Node| node.size == 0.0 || node.scale.iter().all(|scale| *scale <= node.size);
         assert!(fitted.nodes.nodes.iter().all(is_covered), "the size is not that of the merged node");
-        let again = simplify(&children, 512, 0.0, ShapeFit { rounds: 12, fitter: None });
+        let again = simplify(&children, 512, 0.0, FitOptions { shape_rounds: 12, fitter: None });
         assert_eq!(again.nodes, fitted.nodes, "the same in every run");
     }
 }

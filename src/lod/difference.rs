@@ -1,16 +1,25 @@
 //! Differences between pictures of nodes.
 
 use glam::DVec3;
+use multiversion::multiversion;
 
 use super::node::Nodes;
 use super::raster::{Direction, Drawing, Picture, Pixel, Splats, Window};
+
+/// Pixels along a side of the tiles whose sums are added up.
+pub const TILE: usize = 16;
+
+/// Smaller squared differences, and smaller sums over pixels, count as 0: devices take 32-bit floats below 1e-38 for 0.
+pub const LEAST: f32 = 1e-24;
+
+/// Sums of squared differences, with pixels of 1 x 1, 2 x 2 and 4 x 4 px.
+pub type Sums = [f64; 3];
 
 /// The squared difference of two pictures.
 pub struct Difference {
     /// Of each pixel.
     pub squared: Vec<f32>,
-    /// Sums over the picture, with pixels of 1 x 1, 2 x 2 and 4 x 4 px.
-    pub sums: [f64; 3],
+    pub sums: Sums,
 }
 
 impl Difference {
@@ -18,37 +27,59 @@ impl Difference {
     pub fn drawn(nodes: [&Nodes; 2], window: Window, drawings: &mut [Drawing; 2]) -> Self {
         let both = nodes.into_iter().zip(&mut *drawings);
         both.for_each(|(nodes, drawing)| Splats::of(nodes, window).draw(nodes, drawing));
-        Self::of(window.width, &drawings[0].picture, &drawings[1].picture)
+        Self::of(window, &drawings[0].picture, &drawings[1].picture)
     }
 
-    pub fn of(width: usize, expected: &Picture, drawn: &Picture) -> Self {
+    pub fn of(window: Window, expected: &Picture, drawn: &Picture) -> Self {
         // Differences of colours and of transmittance.
         let differences: Vec<Pixel> =
             expected.pixels().zip(drawn.pixels()).map(|(a, b)| std::array::from_fn(|k| a[k] - b[k])).collect();
-        let mean_square = |[r, g, b, passing]: Pixel| -> f32 {
-            // The mean of |dP|^2 on black and |dP + dT|^2 on white.
-            let squares = |background: f32| [r, g, b].map(|v| (v + background * passing).powi(2)).iter().sum::<f32>();
-            (squares(0.0) + squares(1.0)) / 2.0
-        };
-        let coarse = |factor: usize| -> f64 {
-            let mut sum = 0.0;
-            let rows: Vec<&[Pixel]> = differences.chunks_exact(width).collect();
-            for rows in rows.chunks(factor) {
-                for x in (0..width).step_by(factor) {
-                    let mut total = Pixel::default();
-                    for pixel in rows.iter().flat_map(|row| &row[x..width.min(x + factor)]) {
-                        total.iter_mut().zip(pixel).for_each(|(total, value)| *total += value);
-                    }
-                    let pixels = factor * factor;
-                    sum += f64::from(mean_square(total.map(|total| total / pixels as f32))) * pixels as f64;
-                }
-            }
-            sum
-        };
-        let squared: Vec<f32> = differences.iter().map(|pixel| mean_square(*pixel)).collect();
-        let sums = [squared.iter().map(|v| f64::from(*v)).sum(), coarse(2), coarse(4)];
-        Self { squared, sums }
+        let [columns, rows] = [window.width, window.height].map(|side| (0..side).step_by(TILE));
+        let tiles = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let sums = tiles.map(|tile| tile_sums(&differences, window, tile));
+        Self { sums: total(sums), squared: differences.into_iter().map(mean_square).collect() }
     }
+}
+
+/// The sums of some tiles.
+pub fn total(tiles: impl Iterator<Item = Sums>) -> Sums {
+    tiles.fold(Sums::default(), |sum, own| std::array::from_fn(|i| sum[i] + own[i]))
+}
+
+/// The mean of the squared differences of the colours dP on black, and of dP + dT on white, with dT of transmittance.
+fn mean_square([r, g, b, passing]: Pixel) -> f32 {
+    let squares = |[r, g, b]: [f32; 3]| r * r + g * g + b * b;
+    let mean = 0.5 * (squares([r, g, b]) + squares([r + passing, g + passing, b + passing]));
+    if mean < LEAST { 0.0 } else { mean }
+}
+
+/// The sums of a tile, in the order of the invocations of a device. All versions make the same bits.
+#[multiversion(targets("x86_64+avx2"))]
+fn tile_sums(differences: &[Pixel], window: Window, (x, y): (usize, usize)) -> Sums {
+    let mut tile = [[Pixel::default(); TILE]; TILE];
+    let columns = TILE.min(window.width - x);
+    for (own, row) in tile.iter_mut().zip(y..window.height) {
+        own[..columns].copy_from_slice(&differences[row * window.width + x..][..columns]);
+    }
+    [1, 2, 4].map(|side| {
+        let (blocks, pixels) = (TILE / side, side * side);
+        let mut squares = [0.0_f64; TILE * TILE];
+        for (i, square) in squares[..blocks * blocks].iter_mut().enumerate() {
+            let (row, column) = (i / blocks * side, i % blocks * side);
+            let mut sum = Pixel::default();
+            for pixel in tile[row..][..side].iter().flat_map(|row| &row[column..][..side]) {
+                sum.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value);
+            }
+            *square = f64::from(mean_square(sum.map(|sum| sum / pixels as f32))) * pixels as f64;
+        }
+        let mut left = blocks * blocks;
+        while left > 1 {
+            left /= 2;
+            let (low, high) = squares.split_at_mut(left);
+            low.iter_mut().zip(high).for_each(|(low, high)| *low += *high);
+        }
+        squares[0]
+    })
 }
 
 /// The squared difference of colours between pictures of two lists of nodes, in a direction and in pixels of width
@@ -69,7 +100,7 @@ pub fn from_other_directions(of: &Nodes, others: &Nodes, px: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lod::{Node, ShapeFit, simplify};
+    use crate::lod::{FitOptions, Node, simplify};
     use crate::procedural::cactus;
     use crate::scene::along_curve;
 
@@ -92,7 +123,7 @@ mod tests {
     fn errors_hold_in_other_directions() {
         let scene = cactus::cactus(60_000).unwrap().gaussians;
         let children = Nodes::of(&scene, along_curve(scene.means())[..4096].iter().map(|index| *index as usize));
-        let found = simplify(&children, 2048, 0.0, ShapeFit::default());
+        let found = simplify(&children, 2048, 0.0, FitOptions::default());
         let predicted: f64 = found.nodes.nodes.iter().map(|node| f64::from(node.squared_error)).sum();
         let measured = from_other_directions(&children, &found.nodes, f64::from(found.reference_width));
         assert!((0.5..2.0).contains(&(measured / predicted)), "{measured}, predicted {predicted}");

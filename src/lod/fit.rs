@@ -2,18 +2,24 @@
 
 use multiversion::multiversion;
 
-use super::descent::{Descent, ShapeFit, windows};
-use super::difference::Difference;
+use super::descent::{Descent, ROUND_DIRECTIONS, shape_windows};
+use super::difference::{Difference, LEAST, Sums, total};
 use super::node::{Node, Nodes};
 use super::raster::{Drawing, LANES, Picture, Splats, Window, directions};
 use crate::scene::harmonics;
 
 /// Rounds of the fit. Each moves opacities and colours towards the pictures of the children.
-const ROUNDS: usize = 4;
-/// Directions of a round, in turn. In fewer directions, a mostly hidden node would be fitted to its few visible pixels.
-const ROUND_DIRECTIONS: usize = 3;
+pub const ROUNDS: usize = 4;
+/// Pictures of a group.
+pub const VIEWS: usize = 6;
+/// Values of a pixel by which opacities and colours are fitted.
+pub const RESIDUALS: usize = 5;
 /// Colours of pixels with lower alphas are ignored.
-const LEAST_ALPHA: f32 = 0.05;
+pub const LEAST_ALPHA: f32 = 0.05;
+/// The largest factor of an opacity in a round.
+pub const MOST_FACTOR: f64 = 2.0;
+/// The least sum of weights that divides the squared difference of a pixel.
+pub const LEAST_COVERED: f32 = 1e-3;
 /// Most pixels along the diagonal of a picture.
 const MOST_PX: f64 = 256.0;
 /// Parents narrower than this part of a pixel, by their mean area, keep what they were merged to. Pictures hardly show
@@ -27,13 +33,6 @@ pub struct Residual {
     pub squared_errors: Vec<f64>,
     /// The reference pixel width, world units: in wider pixels, the difference falls with the square of the width.
     pub reference_width: f64,
-}
-
-/// Pictures of a group in one direction.
-struct View {
-    window: Window,
-    children: Picture,
-    parents: Splats,
 }
 
 /// The pixel width of pictures: the width of the median parent, world units, with at most `most_px` along the diagonal.
@@ -51,135 +50,175 @@ pub fn reference_width(sums: [f64; 3], px: f64) -> f64 {
 }
 
 /// Fits the new parents that pictures show, and measures all new ones. The others are copies of their child.
-pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool], shape_fit: ShapeFit) -> Residual {
+pub fn fit(children: &Nodes, parents: &mut Nodes, is_new: &[bool], options: FitOptions) -> Residual {
     let px = pixel_width(parents, children, MOST_PX);
-    let widths = Vec::from_iter(parents.nodes.iter().map(Node::width));
-    let (mut drawing, mut residuals) = (Drawing::default(), Vec::new());
-    let mut views = directions().map(|direction| {
-        let window = Window::around(children, direction, px);
-        Splats::of(children, window).draw(children, &mut drawing);
-        View { window, children: drawing.picture.clone(), parents: Splats::of(parents, window) }
-    });
-    let is_fitted = Vec::from_iter((0..parents.len()).map(|i| is_new[i] && widths[i] >= LEAST_PX * px));
-    for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
-        let mut corrections = vec![Correction::default(); parents.len()];
-        some.iter().for_each(|view| view.compare(parents, (&mut drawing, &mut residuals), &mut corrections));
-        for (i, correction) in corrections.iter().enumerate().filter(|(i, _)| is_fitted[*i]) {
-            correction.apply(parents, i);
-        }
-    }
-    let ShapeFit { rounds, fitter } = shape_fit;
-    if rounds > 0 {
-        let windows = windows(children, px, rounds);
-        let (windows, is_fitted, bounds) = (&windows[..], &is_fitted[..], children.bounds());
-        let descent = Descent { children, windows, is_fitted, bounds, rounds };
-        if !fitter.is_some_and(|fitter| fitter.fit(&descent, parents)) {
-            descent.on_host(parents);
-        }
-        views.iter_mut().for_each(|view| view.parents = Splats::of(parents, view.window));
-    }
-    measure(&views, (parents, is_new), px, &mut drawing)
+    let is_fitted = |(node, is_new): (&Node, &bool)| *is_new && node.width() >= LEAST_PX * px;
+    let is_fitted = Vec::from_iter(parents.nodes.iter().zip(is_new).map(is_fitted));
+    let windows = directions().map(|direction| Window::around(children, direction, px));
+    let (descent, bounds) = (shape_windows(children, px, options.shape_rounds), children.bounds());
+    let descent = Descent { children, windows: descent, is_fitted: &is_fitted, bounds, rounds: options.shape_rounds };
+    let group = Group { windows, is_new, descent };
+    let on_device = options.fitter.and_then(|fitter| fitter.fit(&group, parents));
+    on_device.unwrap_or_else(|| group.on_host(parents)).residual(px, is_new)
 }
 
-/// The correction of one parent in one round.
+/// Children, and parents to be fitted to their pictures.
+pub struct Group<'g> {
+    /// The pictures in which opacities and colours are fitted and errors are measured.
+    pub windows: [Window; VIEWS],
+    /// For each parent, whether it stands for several children.
+    pub is_new: &'g [bool],
+    /// The children, and the fit of shapes.
+    pub descent: Descent<'g>,
+}
+
+/// Another machine that fits parents, with the same bits as [`Group::on_host`].
+pub trait Fitter: Sync {
+    /// Fits the parents, and measures them. Returns none, and leaves the parents, if it cannot.
+    fn fit(&self, group: &Group, parents: &mut Nodes) -> Option<Measured>;
+}
+
+/// How parents are fitted.
 #[derive(Clone, Copy, Default)]
-struct Correction {
-    /// Sums over pixels, weighted with the parent's contribution: alphas of the children and of the parents, and the
-    /// missing colour.
-    target: f64,
-    drawn: f64,
-    missing: [f64; 3],
+pub struct FitOptions<'f> {
+    /// Rounds of the fit of shapes.
+    pub shape_rounds: u32,
+    /// The host, if there is none.
+    pub fitter: Option<&'f dyn Fitter>,
 }
 
-impl Correction {
-    fn apply(&self, parents: &mut Nodes, index: usize) {
-        if self.drawn <= 0.0 {
-            return;
+/// Squared differences in all windows of a group, px^2.
+pub struct Measured {
+    sums: Sums,
+    /// What new parents have of it by their weights; 0 of the others.
+    parts: Vec<f64>,
+}
+
+impl Measured {
+    /// Adds up tiles, window by window, and the parts of the parents, window by window.
+    pub fn of(tiles: impl Iterator<Item = Sums>, parts: &[f32], is_new: &[bool]) -> Self {
+        let mut all = vec![0.0; is_new.len()];
+        for parts in parts.chunks(is_new.len()) {
+            let new = all.iter_mut().zip(parts).zip(is_new).filter(|(_, is_new)| **is_new);
+            new.for_each(|((all, part), _)| *all += f64::from(*part));
         }
-        parents.nodes[index].opacity *= (self.target / self.drawn).clamp(0.5, 2.0) as f32;
-        let first = &mut parents.sh_mut(index)[0];
-        for (value, missing) in first.iter_mut().zip(self.missing) {
-            *value += (missing / self.drawn) as f32 / harmonics::C0 as f32;
-        }
+        Self { sums: total(tiles), parts: all }
+    }
+
+    fn residual(self, px: f64, is_new: &[bool]) -> Residual {
+        let Self { sums, parts } = self;
+        // What no new parent covers is divided equally.
+        let new_count = is_new.iter().filter(|is_new| **is_new).count().max(1);
+        let rest = (sums[0] - parts.iter().sum::<f64>()).max(0.0) / new_count as f64;
+        let squared_errors = parts.iter().map(|part| (part + rest) * px * px / VIEWS as f64);
+        Residual { squared_errors: squared_errors.collect(), reference_width: reference_width(sums, px) }
     }
 }
 
-/// The alphas of the children and of the parents at a pixel, and the missing colour. Padded to a power of two, so that
-/// few instructions add one up.
-type PixelResidual = [f32; 8];
+/// Sums over the pixels of a parent in the pictures of a round, with its weights: the alphas of the children and of the
+/// parents, and the missing colour.
+type Correction = [f64; RESIDUALS];
 
-impl View {
-    /// Adds the corrections of this view.
-    fn compare(
-        &self,
-        parents: &Nodes,
-        (drawing, residuals): (&mut Drawing, &mut Vec<PixelResidual>),
-        corrections: &mut [Correction],
-    ) {
-        self.parents.draw(parents, drawing);
-        residuals.clear();
-        residuals.extend(self.children.pixels().zip(drawing.picture.pixels()).map(|(child, own)| {
+/// Moves the opacity and the colour of a parent.
+fn correct(parents: &mut Nodes, index: usize, [target, drawn, missing @ ..]: Correction) {
+    if drawn <= 0.0 {
+        return;
+    }
+    parents.nodes[index].opacity *= (target / drawn).clamp(1.0 / MOST_FACTOR, MOST_FACTOR) as f32;
+    for (value, missing) in parents.sh_mut(index)[0].iter_mut().zip(missing) {
+        *value += (missing / drawn) as f32 / harmonics::C0 as f32;
+    }
+}
+
+/// Pictures of a group in one direction.
+struct View {
+    window: Window,
+    children: Picture,
+    parents: Splats,
+}
+
+impl Group<'_> {
+    fn on_host(&self, parents: &mut Nodes) -> Measured {
+        let Self { windows, is_new, descent } = self;
+        let (mut drawing, mut pixels) = (Drawing::default(), PixelResiduals::default());
+        let mut views = windows.map(|window| {
+            Splats::of(descent.children, window).draw(descent.children, &mut drawing);
+            View { window, children: drawing.picture.clone(), parents: Splats::of(parents, window) }
+        });
+        for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
+            let mut corrections = vec![Correction::default(); parents.len()];
+            for view in some {
+                view.parents.draw(parents, &mut drawing);
+                pixels.compare(&view.children, &drawing.picture);
+                let add = |(splat, sums): (usize, [f32; RESIDUALS])| {
+                    corrections[splat].iter_mut().zip(sums).for_each(|(sum, own)| *sum += f64::from(own));
+                };
+                weighted_sums(&drawing, &pixels.0).into_iter().for_each(add);
+            }
+            for (i, correction) in corrections.into_iter().enumerate().filter(|(i, _)| descent.is_fitted[*i]) {
+                correct(parents, i, correction);
+            }
+        }
+        if descent.rounds > 0 {
+            descent.on_host(parents);
+            views.iter_mut().for_each(|view| view.parents = Splats::of(parents, view.window));
+        }
+        let (mut sums, mut parts) = (Vec::new(), vec![0.0; VIEWS * parents.len()]);
+        for (view, parts) in views.iter().zip(parts.chunks_mut(parents.len())) {
+            view.parents.draw(parents, &mut drawing);
+            let difference = Difference::of(view.window, &view.children, &drawing.picture);
+            sums.push(difference.sums);
+            let shares = [shares(&difference.squared, &drawing, is_new)];
+            weighted_sums(&drawing, &shares).into_iter().for_each(|(splat, [part])| parts[splat] = part);
+        }
+        Measured::of(sums.into_iter(), &parts, is_new)
+    }
+}
+
+/// For each pixel, the squared difference by the sum of the weights of the new parents there.
+fn shares(squared: &[f32], drawing: &Drawing, is_new: &[bool]) -> Vec<f32> {
+    let mut covered = vec![0.0_f32; squared.len()];
+    for (_, first, weights) in drawing.rows().filter(|(splat, ..)| is_new[*splat]) {
+        covered[first..].iter_mut().zip(weights.as_flattened()).for_each(|(sum, weight)| *sum += weight);
+    }
+    squared.iter().zip(&covered).map(|(squared, covered)| squared / covered.max(LEAST_COVERED)).collect()
+}
+
+/// The alphas of the children and of the parents at each pixel, and the missing colour.
+#[derive(Default)]
+struct PixelResiduals([Vec<f32>; RESIDUALS]);
+
+impl PixelResiduals {
+    fn compare(&mut self, children: &Picture, parents: &Picture) {
+        self.0.iter_mut().for_each(Vec::clear);
+        for (child, own) in children.pixels().zip(parents.pixels()) {
             let (target, drawn) = (1.0 - child[3], 1.0 - own[3]);
             // At equal alpha: a brighter colour must not make up for a lower alpha.
             let missing = |k: usize| if target > LEAST_ALPHA { child[k] * (drawn / target) - own[k] } else { 0.0 };
-            [target, drawn, missing(0), missing(1), missing(2), 0.0, 0.0, 0.0]
-        }));
-        add_corrections(drawing, residuals, corrections);
+            let values = [target, drawn, missing(0), missing(1), missing(2)];
+            self.0.iter_mut().zip(values).for_each(|(plane, value)| plane.push(value));
+        }
     }
 }
 
-/// Adds the residuals of pixels to the corrections of the splats that cover them. All versions make the same bits, as
-/// those of [`Splats::draw`] do.
+/// For each splat that is drawn, the sums over its pixels of its weight times some values; small ones are 0. All
+/// versions make the same bits, as those of [`Splats::draw`] do.
 #[multiversion(targets("x86_64+avx2"))]
-fn add_corrections(drawing: &Drawing, residuals: &[PixelResidual], corrections: &mut [Correction]) {
-    for (splat, first, weights) in drawing.rows() {
-        let mut sums = PixelResidual::default();
-        for (residuals, weights) in residuals[first..].as_chunks::<LANES>().0.iter().zip(weights) {
-            for (residual, weight) in residuals.iter().zip(weights) {
-                sums.iter_mut().zip(residual).for_each(|(sum, value)| *sum += value * weight);
+fn weighted_sums<const N: usize>(drawing: &Drawing, values: &[Vec<f32>; N]) -> Vec<(usize, [f32; N])> {
+    let (mut rows, mut found) = (drawing.rows().peekable(), Vec::new());
+    while let Some((splat, ..)) = rows.peek().copied() {
+        let mut sums = [[0.0_f32; LANES]; N];
+        while let Some((_, first, weights)) = rows.next_if(|row| row.0 == splat) {
+            for (sum, values) in sums.iter_mut().zip(values) {
+                for (values, weights) in values[first..].as_chunks::<LANES>().0.iter().zip(weights) {
+                    (0..LANES).for_each(|i| sum[i] += values[i] * weights[i]);
+                }
             }
         }
-        let correction = &mut corrections[splat];
-        let [target, drawn, missing @ ..] = sums.map(f64::from);
-        correction.target += target;
-        correction.drawn += drawn;
-        correction.missing.iter_mut().zip(missing).for_each(|(sum, missing)| *sum += missing);
+        let sums = sums.map(|lanes| lanes.iter().sum());
+        found.push((splat, sums.map(|sum: f32| if sum.abs() < LEAST { 0.0 } else { sum })));
     }
-}
-
-fn measure(views: &[View], (parents, is_new): (&Nodes, &[bool]), px: f64, drawing: &mut Drawing) -> Residual {
-    let mut squared_errors = vec![0.0; parents.len()];
-    let mut sums = [0.0; 3];
-    let each = px * px / views.len() as f64;
-    let new_count = is_new.iter().filter(|is_new| **is_new).count().max(1);
-    for view in views {
-        view.parents.draw(parents, drawing);
-        let difference = Difference::of(view.window.width, &view.children, &drawing.picture);
-        sums.iter_mut().zip(difference.sums).for_each(|(sum, own)| *sum += own);
-        // The squared difference of a pixel is divided among the new parents by their weights there.
-        let mut covered = vec![0.0_f32; difference.squared.len()];
-        for (_, first, weights) in drawing.rows().filter(|(splat, ..)| is_new[*splat]) {
-            let covered = covered[first..].iter_mut().zip(weights.as_flattened());
-            covered.for_each(|(sum, weight)| *sum += weight);
-        }
-        let squares = difference.squared.iter().zip(&covered);
-        let share: Vec<f32> = squares.map(|(squared, covered)| squared / covered.max(1e-3)).collect();
-        let mut attributed = 0.0;
-        for (splat, first, weights) in drawing.rows().filter(|(splat, ..)| is_new[*splat]) {
-            let shares = share[first..].iter().zip(weights.as_flattened());
-            let part: f32 = shares.map(|(share, weight)| share * weight).sum();
-            squared_errors[splat] += f64::from(part) * each;
-            attributed += f64::from(part);
-        }
-        // The rest, which no new parent covers, is divided equally.
-        let rest = (difference.sums[0] - attributed).max(0.0) * each / new_count as f64;
-        squared_errors
-            .iter_mut()
-            .zip(is_new)
-            .filter(|(_, is_new)| **is_new)
-            .for_each(|(squared_error, _)| *squared_error += rest);
-    }
-    Residual { squared_errors, reference_width: reference_width(sums, px) }
+    found
 }
 
 #[cfg(test)]
@@ -197,7 +236,7 @@ mod tests {
         let mut parents = Nodes::new(0);
         parents.push(merged, &sh_of_merged);
         parents.push(children.nodes[4], &sh);
-        fit(&children, &mut parents, &[true, false], ShapeFit { rounds: 3, fitter: None });
+        fit(&children, &mut parents, &[true, false], FitOptions { shape_rounds: 3, fitter: None });
         assert_eq!(parents.nodes[1], children.nodes[4], "a copy is not fitted");
         [merged, parents.nodes[0]]
     }

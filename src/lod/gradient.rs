@@ -210,7 +210,7 @@ mod tests {
                         change(&mut node, &mut sh, &step);
                         (nodes.nodes[i], nodes.sh_mut(i)[0]) = (node, sh);
                         Splats::of(&nodes, window).draw(&nodes, &mut drawing);
-                        Difference::of(window.width, &expected.picture, &drawing.picture).sums[0]
+                        Difference::of(window, &expected.picture, &drawing.picture).sums[0]
                     });
                     (nodes.nodes[i], nodes.sh_mut(i)[0]) = before;
                     let slope = ((above - below) / f64::from(2.0 * STEP)) as f32;

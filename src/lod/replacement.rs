@@ -36,7 +36,7 @@ pub fn replacement(finer: &Nodes, nodes: &Nodes) -> Replacement {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lod::{Node, ShapeFit, simplify};
+    use crate::lod::{FitOptions, Node, simplify};
     use crate::procedural::cactus;
     use crate::scene::along_curve;
 
@@ -45,7 +45,7 @@ mod tests {
     fn the_error_of_all_is_the_sum_of_all() {
         let scene = cactus::cactus(60_000).unwrap().gaussians;
         let finer = Nodes::of(&scene, along_curve(scene.means())[..4096].iter().map(|index| *index as usize));
-        let found = simplify(&finer, 2048, 0.0, ShapeFit::default());
+        let found = simplify(&finer, 2048, 0.0, FitOptions::default());
         let expected: f64 = found.nodes.nodes.iter().map(|node| f64::from(node.squared_error)).sum();
         let Replacement { squared_error, reference_width } = replacement(&finer, &found.nodes);
         // The pixels are those of the parents after the fit, not before.

@@ -3,15 +3,14 @@
 use std::collections::BTreeMap;
 
 use super::density::Density;
-use super::descent::ShapeFit;
-use super::fit::fit;
+use super::fit::{FitOptions, fit};
 use super::merge::parent;
 use super::node::{Nodes, median};
 use super::pairs::merged;
 use crate::scene::{Curve, harmonics};
 
 /// The parents of a group of nodes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Simplified {
     pub nodes: Nodes,
     /// For each child, the index of its parent.
@@ -26,8 +25,8 @@ pub struct Simplified {
 const BLUR: f32 = 0.05;
 
 /// Merges children until `wanted` parents are left, which are fitted, measured and put into Morton order.
-/// `reference_width`: of the children. `shape_fit`: how their shapes are fitted, too.
-pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32, shape_fit: ShapeFit) -> Simplified {
+/// `reference_width`: of the children.
+pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32, fit_options: FitOptions) -> Simplified {
     let into = merged(densities(children), wanted);
     let mut members_of_root: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (child, root) in into.iter().enumerate() {
@@ -44,7 +43,7 @@ pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32, shape_fit
         }
     }
     let is_new: Vec<bool> = members_of_root.values().map(|members| members.len() > 1).collect();
-    let residual = fit(children, &mut nodes, &is_new, shape_fit);
+    let residual = fit(children, &mut nodes, &is_new, fit_options);
     for ((node, members), squared_error) in
         nodes.nodes.iter_mut().zip(members_of_root.values()).zip(residual.squared_errors)
     {
@@ -98,13 +97,13 @@ mod tests {
     #[test]
     fn simplified_groups_are_the_same_in_every_run() {
         let children = Nodes::of(&cactus::cactus(4096).unwrap().gaussians, 0..4096);
-        let found = simplify(&children, 1024, 0.0, ShapeFit::default());
+        let found = simplify(&children, 1024, 0.0, FitOptions::default());
         assert_eq!(found.nodes.len(), 1024);
         let mut members = vec![0; 1024];
         found.parent_of_child.iter().for_each(|parent| members[*parent as usize] += 1);
         assert!(members.iter().all(|count| *count > 0));
         assert!(found.nodes.nodes.iter().all(|node| node.error > 0.0));
-        let again = simplify(&children, 1024, 0.0, ShapeFit::default());
-        assert_eq!((again.nodes, again.parent_of_child), (found.nodes, found.parent_of_child));
+        let again = simplify(&children, 1024, 0.0, FitOptions::default());
+        assert!(again == found);
     }
 }

@@ -96,7 +96,7 @@ pub use capacity::Capacity;
 #[doc(hidden)]
 pub use fast::{BLOCK_FORMS, BinGrid, BlockForm, FastPipeline, FastWorkspace, flushes_denormals};
 #[doc(hidden)]
-pub use fit::ShapeFitter;
+pub use fit::DeviceFitter;
 #[doc(hidden)]
 pub use frame::{Shot, Target, Variation, view};
 pub(crate) use frame::{depth_bits, tiles};

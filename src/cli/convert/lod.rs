@@ -21,7 +21,7 @@ use crate::measure::prune::Written;
 use crate::options::Options;
 use crate::pagefile::write::{Settings, subtrees};
 use crate::pagefile::{PageFile, nodes_of, static_level};
-use crate::render::ShapeFitter;
+use crate::render::DeviceFitter;
 use crate::scene::{NoLevel, Scene, Watch};
 
 /// Build levels of detail of a scene: a page file that is drawn within a splat budget or an error, or one level
@@ -68,12 +68,12 @@ pub(in crate::cli) struct Args {
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "keep_levels")]
     #[arg(value_parser = whole::<u32>(0..=100))]
     fit_rounds: Option<u32>,
-    /// Device that fits shapes: a number, part of a name, or host: the processor
+    /// Device that fits nodes: a number, part of a name, or host: the processor
     ///
     /// The number is that in the list of `smalto doctor`. By default a GPU, if there is one. The file has the same
     /// bytes.
     #[arg(long, help_heading = DEVICE, value_name = "DEVICE", value_parser = NonEmptyStringValueParser::new())]
-    #[arg(requires = "fit_rounds", conflicts_with = "keep_levels")]
+    #[arg(conflicts_with = "keep_levels")]
     device: Option<String>,
     /// Format of the level [default: by the name of the file]
     #[arg(long, help_heading = OUTPUT, value_name = "FORMAT", value_parser = one_of(formats()))]
@@ -127,22 +127,22 @@ fn write_levels(args: &Args, output: &Path, storage: Option<Options>) -> Result<
     if *keep_levels {
         return pages::keep_levels(&SceneArg { scene: scene.clone(), reading: *reading }, output, settings);
     }
-    let fitter = if settings.fit_rounds > 0 { fitter(args.device.as_deref())? } else { None };
+    let fitter = fitter(args.device.as_deref())?;
     let files = [scene.clone()];
     let inputs = Inputs { files: &files, reading: *reading, edits: &Edits::default() };
     let written = pages::convert(inputs, output, settings, fitter.as_ref().map(|fitter| fitter as &dyn Fitter))?;
     if let Some(failure) = fitter.and_then(|fitter| fitter.take_failure()) {
-        remark(&format!("some shapes were fitted on the host: {failure:#}"));
+        remark(&format!("some nodes were fitted on the processor: {failure:#}"));
     }
     Ok(written)
 }
 
-/// What fits shapes in place of the host: the named device, or a GPU that makes the same bits.
-fn fitter(device: Option<&str>) -> Result<Option<ShapeFitter>> {
+/// What fits nodes in place of the processor: the named device, or a GPU that makes the same bits.
+fn fitter(device: Option<&str>) -> Result<Option<DeviceFitter>> {
     let Some(opened) = open_instead_of_host(device)? else { return Ok(None) };
-    match ShapeFitter::new(&opened) {
+    match DeviceFitter::new(&opened) {
         Err(error) if device.is_none() => {
-            remark(&format!("shapes are fitted on the host: {error:#}"));
+            remark(&format!("nodes are fitted on the processor: {error:#}"));
             Ok(None)
         }
         made => made.map(Some),

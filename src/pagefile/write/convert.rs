@@ -13,7 +13,7 @@ use super::hierarchy::build;
 use super::hierarchy_layout::inner_pages;
 use super::output::Output;
 use crate::files::Checkpoint;
-use crate::lod::{Fitter, ShapeFit};
+use crate::lod::{FitOptions, Fitter};
 use crate::options::{Options, Storage};
 use crate::packing::{Accumulator, Layout, Statistics};
 use crate::pagefile::{HEADER, Header, LodSections, PADDING, PAGE};
@@ -60,7 +60,7 @@ pub struct Job<'j> {
     pub settings: Settings,
     /// The name of the source.
     pub title: String,
-    /// What fits the shapes of merged nodes; by default the host.
+    /// What fits merged nodes; by default the host.
     pub fitter: Option<&'j dyn Fitter>,
     /// Receives the progress, 0 to 1.
     pub progress: &'j (dyn Fn(f64) + Sync),
@@ -190,7 +190,7 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
         let built = build(
             (&output, scene.file, groups),
             (count, header.layout.sh_degree),
-            ShapeFit { rounds: job.settings.fit_rounds, fitter: job.fitter },
+            FitOptions { shape_rounds: job.settings.fit_rounds, fitter: job.fitter },
             &progress,
             job.is_cancelled,
         );

@@ -17,7 +17,7 @@ use super::group_checkpoint::{GroupBounds, GroupCheckpoint, GroupOutput};
 use super::hierarchy_layout::{CHILD_GROUPS, GROUP_PAGES, HALVINGS, HierarchyLevel, hierarchy_levels};
 use super::output::{MOST_OPACITY, Output};
 use crate::files::read_exact_at;
-use crate::lod::{NEVER, Node, Nodes, ShapeFit, Simplified, code_of, median, simplify};
+use crate::lod::{FitOptions, NEVER, Node, Nodes, Simplified, code_of, median, simplify};
 use crate::packing::Shape;
 use crate::pagefile::{NO_PAGE, PADDING, PAGE, PageLod};
 use crate::scene::Cancelled;
@@ -30,7 +30,7 @@ struct Hierarchy<'h> {
     sh_degree: u32,
     /// Gaussians of the scene.
     count: usize,
-    shape_fit: ShapeFit<'h>,
+    fit_options: FitOptions<'h>,
     levels: Vec<HierarchyLevel>,
     typical: Typical,
     done: AtomicUsize,
@@ -106,7 +106,7 @@ impl<'n> Children<'n> {
 pub fn build(
     (output, scene, checkpoint): (&Output, &File, Option<&GroupCheckpoint>),
     (count, sh_degree): (usize, u32),
-    shape_fit: ShapeFit,
+    fit_options: FitOptions,
     progress: &(dyn Fn(f64) + Sync),
     is_cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
@@ -117,7 +117,7 @@ pub fn build(
         checkpoint,
         sh_degree,
         count,
-        shape_fit,
+        fit_options,
         done,
         progress,
         is_cancelled,
@@ -149,7 +149,7 @@ impl Hierarchy<'_> {
             let (mut nodes, mut reference_width) = (self.leaf_input(i * groups / groups.min(GROUPS))?.0, 0.0);
             for _ in 0..STEPS {
                 self.check()?;
-                let found = simplify(&nodes, nodes.len().div_ceil(2), reference_width, self.shape_fit);
+                let found = simplify(&nodes, nodes.len().div_ceil(2), reference_width, self.fit_options);
                 (nodes, reference_width) = (found.nodes, found.reference_width);
             }
             Ok(median(nodes.nodes.iter().map(|node| f64::from(node.error)).collect()))
@@ -217,7 +217,7 @@ impl Hierarchy<'_> {
             self.check()?;
             let (nodes, reference_width) =
                 steps.last().map_or((&input, bounds.own_reference_width), |last| (&last.nodes, last.reference_width));
-            steps.push(simplify(nodes, nodes.len().div_ceil(2), reference_width, self.shape_fit));
+            steps.push(simplify(nodes, nodes.len().div_ceil(2), reference_width, self.fit_options));
         }
         let reference_width = steps.iter().map(|step| step.reference_width).fold(bounds.reference_width, f32::max);
         let bounds = GroupBounds { reference_width, ..bounds };

@@ -1,5 +1,5 @@
-//! Fits the shapes of groups of nodes. Groups that wait at the same time are fitted together, so that the device has
-//! work for all of its processors.
+//! Fits groups of nodes. Groups that wait at the same time are fitted together, so that the device has work for all of
+//! its processors.
 
 use std::collections::VecDeque;
 use std::iter::once;
@@ -8,32 +8,32 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 
-use super::workspace::{Drawn, Part, Plan, Workspace};
+use super::workspace::{Drawn, Part, Plan, Workspace, tiles_of};
 use crate::gpu::{Access, Commands, Device, DispatchSize, Feature, InFlight, Stage};
 use crate::lod::{
-    CLAMPED, Descent, Fitter, LEAST_GRADIENT, MOST_CHANGE, MOST_DEVIATIONS, Node, Nodes, PER_ALPHA_MIN, REPLACED,
-    ShapeFit, simplify,
+    CLAMPED, FitOptions, Fitter, Group, LEAST, LEAST_ALPHA, LEAST_COVERED, LEAST_GRADIENT, MOST_CHANGE,
+    MOST_DEVIATIONS, MOST_FACTOR, Measured, Node, Nodes, PER_ALPHA_MIN, REPLACED, ROUNDS, VIEWS, simplify,
 };
-use crate::render::shaders::FitNode;
 use crate::render::shaders::fit::*;
+use crate::render::shaders::{FitNode, FitTile};
 use crate::rules::{ALPHA_MAX, ALPHA_MIN};
 
 // Numbers that the host and the shaders both have.
 const _: () = assert!(FIT_ALPHA_MIN == ALPHA_MIN && FIT_PER_ALPHA_MIN == PER_ALPHA_MIN);
-const _: () = assert!(FIT_MOST_DEVIATIONS as f64 == MOST_DEVIATIONS);
+const _: () = assert!(FIT_MOST_DEVIATIONS as f64 == MOST_DEVIATIONS && FIT_LEAST == LEAST);
 
 /// Most groups in one submission. Most take some 0.1 GB of device memory.
 const MOST_GROUPS: usize = 16;
-/// Most rounds in one submission: a slow device must not keep a desktop waiting for long.
+/// Most rounds of shapes in one submission: a slow device must not keep a desktop waiting for long.
 const MOST_ROUNDS: usize = 4;
 
-/// Fits shapes on a device, with the bits of the host.
-pub struct ShapeFitter {
+/// Fits nodes on a device, with the bits of the host.
+pub struct DeviceFitter {
     device: Device,
     stages: Stages,
     idle: Mutex<Idle>,
     freed: Condvar,
-    waiting: Mutex<Vec<Group>>,
+    waiting: Mutex<Vec<Waiting>>,
     /// Held by the thread that submits groups.
     turn: Mutex<()>,
     /// Why groups were left to the host, by the first of them.
@@ -48,18 +48,45 @@ struct Idle {
 }
 
 /// A group that waits, and the upload of its nodes.
-struct Group {
+struct Waiting {
     workspace: Workspace,
     plan: Plan,
     upload: InFlight,
     finished: Arc<Mutex<Option<Finished>>>,
 }
 
-/// The workspace of a group and its fitted nodes, or none if they did not fit into the workspace.
-type Finished = (Workspace, Result<Option<Vec<FitNode>>>);
+impl Waiting {
+    fn drawn(&self, picture: Picture) -> &Drawn {
+        match picture {
+            Picture::Children => &self.workspace.children,
+            _ => &self.workspace.parents,
+        }
+    }
+}
+
+/// The workspace of a group and what was found, or none if it did not fit into the workspace.
+type Finished = (Workspace, Result<Option<Found>>);
+
+/// Fitted nodes, and what [`Measured`] sums up.
+struct Found {
+    nodes: Vec<FitNode>,
+    parts: Vec<f32>,
+    tiles: Vec<FitTile>,
+    /// The tiles of a window that there is room for.
+    most_tiles: usize,
+}
+
+impl Found {
+    fn measured(&self, group: &Group) -> Measured {
+        let sums = |tile: &FitTile| tile.sums.map(|[low, high]| f64::from_bits(u64::from(high) << 32 | u64::from(low)));
+        let tiles = group.windows.iter().zip(self.tiles.chunks(self.most_tiles.max(1)));
+        let tiles = tiles.flat_map(|(window, all)| all[..tiles_of(window)].iter().map(sums));
+        Measured::of(tiles, &self.parts[..VIEWS * group.is_new.len()], group.is_new)
+    }
+}
 
 /// A workspace that is not idle. If it is lost, another one may be made.
-struct Lent<'f>(&'f ShapeFitter);
+struct Lent<'f>(&'f DeviceFitter);
 
 impl Drop for Lent<'_> {
     fn drop(&mut self) {
@@ -72,7 +99,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl ShapeFitter {
+impl DeviceFitter {
     /// Builds the pipelines, and fits some nodes on the device and on the host.
     ///
     /// # Errors
@@ -90,7 +117,7 @@ impl ShapeFitter {
             failure: Mutex::default(),
         };
         let [found, expected] = [Some(&fitter as &dyn Fitter), None]
-            .map(|fitter| simplify(&sample(), SAMPLE / 2, 0.0, ShapeFit { rounds: 2, fitter }).nodes);
+            .map(|fitter| simplify(&sample(), SAMPLE / 2, 0.0, FitOptions { shape_rounds: 2, fitter }));
         if let Some(failure) = fitter.take_failure() {
             return Err(failure);
         }
@@ -131,27 +158,27 @@ impl ShapeFitter {
         }
     }
 
-    /// Fits the parents. Lists that are too small grow.
-    fn try_fit(&self, descent: &Descent, parents: &mut Nodes) -> Result<()> {
+    /// Fits the parents, and measures them. Lists that are too small grow.
+    fn try_fit(&self, group: &Group, parents: &mut Nodes) -> Result<Measured> {
         let (mut workspace, lent) = self.take_workspace()?;
         loop {
-            let fitted = match workspace.load(&self.device, descent, parents) {
+            let found = match workspace.load(&self.device, group, parents) {
                 Ok((plan, upload)) => {
                     let finished = self.run(workspace, plan, upload);
-                    let (used, fitted) = finished.context("the thread that submits groups has panicked")?;
+                    let (used, found) = finished.context("the thread that submits groups has panicked")?;
                     workspace = used;
-                    fitted
+                    found
                 }
                 Err(error) => Err(error),
             };
-            let done = match fitted {
-                Ok(Some(fitted)) => {
-                    for (i, node) in fitted.iter().take(parents.len()).enumerate() {
-                        let FitNode { mean, rotation, scale, opacity, size, colour } = *node;
+            let done = match found {
+                Ok(Some(found)) => {
+                    for (i, node) in found.nodes.iter().take(parents.len()).enumerate() {
+                        let FitNode { mean, rotation, scale, opacity, size, colour, .. } = *node;
                         parents.nodes[i] = Node { mean, rotation, scale, opacity, size, ..parents.nodes[i] };
                         parents.sh_mut(i)[0] = colour;
                     }
-                    Ok(())
+                    Ok(found.measured(group))
                 }
                 Ok(None) => match workspace.grow(&self.device) {
                     Ok(()) => continue,
@@ -168,7 +195,7 @@ impl ShapeFitter {
     /// panicked.
     fn run(&self, workspace: Workspace, plan: Plan, upload: InFlight) -> Option<Finished> {
         let finished = Arc::default();
-        locked(&self.waiting).push(Group { workspace, plan, upload, finished: Arc::clone(&finished) });
+        locked(&self.waiting).push(Waiting { workspace, plan, upload, finished: Arc::clone(&finished) });
         let turn = locked(&self.turn);
         if locked(&finished).is_none() {
             let groups = take(&mut *locked(&self.waiting));
@@ -178,7 +205,7 @@ impl ShapeFitter {
         locked(&finished).take()
     }
 
-    fn run_together(&self, groups: Vec<Group>) {
+    fn run_together(&self, groups: Vec<Waiting>) {
         let mut found: VecDeque<Result<_>> = match self.submit(&groups) {
             Ok(found) => found.into_iter().map(Ok).collect(),
             Err(error) => {
@@ -186,39 +213,47 @@ impl ShapeFitter {
                 once(Err(error)).chain(copies).collect()
             }
         };
-        for Group { workspace, upload, finished, .. } in groups {
+        for Waiting { workspace, upload, finished, .. } in groups {
             // This waits if the submission has failed.
             drop(upload);
-            let fitted = found.pop_front().expect("each group has a result");
-            *locked(&finished) = Some((workspace, fitted));
+            let found = found.pop_front().expect("each group has a result");
+            *locked(&finished) = Some((workspace, found));
         }
     }
 
-    /// The fitted nodes of each group, or none if they did not fit into its workspace. Waits for the device.
-    fn submit(&self, groups: &[Group]) -> Result<Vec<Option<Vec<FitNode>>>> {
+    /// What is found for each group, or none if it did not fit into its workspace. Waits for the device.
+    fn submit(&self, groups: &[Waiting]) -> Result<Vec<Option<Found>>> {
         let mut cmd = Commands::new(&self.device)?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         self.stages.record_children(&mut cmd, groups);
-        let (mut earlier, rounds) = (Vec::new(), groups.iter().map(|group| group.plan.rounds.len()).max().unwrap_or(0));
+        (0..ROUNDS).for_each(|round| self.stages.record_correction(&mut cmd, groups, round));
+        let (mut earlier, rounds) = (Vec::new(), groups.iter().map(|group| group.plan.shapes.len()).max().unwrap_or(0));
         for first in (0..rounds).step_by(MOST_ROUNDS) {
             let end = rounds.min(first + MOST_ROUNDS);
-            (first..end).for_each(|round| self.stages.record_round(&mut cmd, groups, round));
+            (first..end).for_each(|round| self.stages.record_shapes(&mut cmd, groups, round));
             if end < rounds {
                 earlier.push(replace(&mut cmd, Commands::new(&self.device)?).submit()?);
             }
         }
+        self.stages.record_measurement(&mut cmd, groups);
         cmd.barrier(Access::SHADER_WRITE, Access::COPY_READ);
         let mut read = Vec::new();
-        for Group { workspace, .. } in groups {
-            let used = [cmd.read(&workspace.children.used)?, cmd.read(&workspace.parents.used)?];
-            read.push((used, cmd.read(&workspace.parents.nodes)?));
+        for Waiting { workspace, .. } in groups {
+            let Workspace { children, parents, sums, tiles, .. } = workspace;
+            let used = [cmd.read(&children.used)?, cmd.read(&parents.used)?];
+            read.push((used, cmd.read(&parents.nodes)?, cmd.read(sums)?, cmd.read(tiles)?));
         }
         let results = cmd.submit()?.wait()?;
-        let fitted = read.iter().map(|(used, nodes)| {
+        let found = read.iter().zip(groups).map(|((used, nodes, parts, tiles), Waiting { plan, .. })| {
             let has_all = used.iter().all(|used| results.view(used)[0].is_full == 0);
-            has_all.then(|| results.view(nodes).to_vec())
+            has_all.then(|| Found {
+                nodes: results.view(nodes).to_vec(),
+                parts: results.view(parts).to_vec(),
+                tiles: results.view(tiles).to_vec(),
+                most_tiles: plan.measured.tiles as usize,
+            })
         });
-        Ok(fitted.collect())
+        Ok(found.collect())
     }
 }
 
@@ -241,23 +276,40 @@ fn sample() -> Nodes {
     nodes
 }
 
-impl Fitter for ShapeFitter {
-    fn fit(&self, descent: &Descent, parents: &mut Nodes) -> bool {
-        let fitted = self.try_fit(descent, parents);
-        fitted.map_err(|error| _ = locked(&self.failure).get_or_insert(error)).is_ok()
+impl Fitter for DeviceFitter {
+    fn fit(&self, group: &Group, parents: &mut Nodes) -> Option<Measured> {
+        let measured = self.try_fit(group, parents);
+        measured.map_err(|error| _ = locked(&self.failure).get_or_insert(error)).ok()
     }
 }
 
-/// The stages of a round, and of the pictures of children.
+/// The stages of all rounds.
 struct Stages {
-    /// One for children and one for parents, which keeps weights for the way back.
+    /// One for children, and one for parents, which keeps weights.
     project: [Stage<Project>; 2],
     rank: Stage<Rank>,
-    /// One for children and one for parents, which compares with the pictures of the children.
-    blend: [Stage<Blend>; 2],
+    /// By [`Picture`].
+    blend: [Stage<Blend>; 3],
+    /// For the fit of opacities and colours, and for errors.
+    compare: [Stage<Compare>; 2],
+    sum: [Stage<Sum>; 2],
+    correct: Stage<Correct>,
     gradient: Stage<Gradient>,
     step: Stage<Step>,
 }
+
+/// What is drawn.
+#[derive(Clone, Copy, PartialEq)]
+enum Picture {
+    Children,
+    /// The parents, with their weights.
+    Parents,
+    /// The parents, with their weights and slopes.
+    Slopes,
+}
+
+/// A group, and the views of a dispatch.
+type GroupPart<'g> = (&'g Waiting, Part);
 
 /// Invocations of a workgroup.
 const WORKGROUP: u32 = 256;
@@ -266,35 +318,63 @@ const _: () = assert!(FIT_TILE * FIT_TILE == WORKGROUP);
 impl Stages {
     fn new(device: &Device) -> Result<Self> {
         let project = |keeps_weights| Stage::new(device, &ProjectConstants { keeps_weights });
-        let blend = |has_expected| Stage::new(device, &BlendConstants { has_expected });
+        let blend = |picture| {
+            let (keeps_weights, walks_back) = (picture != Picture::Children, picture == Picture::Slopes);
+            Stage::new(device, &BlendConstants { keeps_weights, walks_back })
+        };
+        let compare = |measures| Stage::new(device, &CompareConstants { measures });
+        let sum = |values| Stage::new(device, &SumConstants { values });
         Ok(Self {
             project: [project(false)?, project(true)?],
             rank: Stage::new(device, &())?,
-            blend: [blend(false)?, blend(true)?],
+            blend: [blend(Picture::Children)?, blend(Picture::Parents)?, blend(Picture::Slopes)?],
+            compare: [compare(false)?, compare(true)?],
+            sum: [sum(FIT_RESIDUALS)?, sum(1)?],
+            correct: Stage::new(device, &())?,
             gradient: Stage::new(device, &())?,
             step: Stage::new(device, &())?,
         })
     }
 
-    fn record_children(&self, cmd: &mut Commands, groups: &[Group]) {
-        let all = groups.iter().map(|group| (group, &group.workspace.children, group.plan.children));
-        self.record_pictures(cmd, &all.collect::<Vec<_>>(), 0);
+    fn record_children(&self, cmd: &mut Commands, groups: &[Waiting]) {
+        let parts: Vec<_> = groups.iter().map(|group| (group, group.plan.children)).collect();
+        self.record_pictures(cmd, &parts, Picture::Children);
     }
 
-    /// Records a round of the groups that have it.
-    fn record_round(&self, cmd: &mut Commands, groups: &[Group], round: usize) {
-        let with_round = groups.iter().filter(|group| round < group.plan.rounds.len());
-        let parts: Vec<_> = with_round.map(|group| (group, &group.workspace.parents, group.plan.part(round))).collect();
-        self.record_pictures(cmd, &parts, 1);
-        stage(cmd, "gradient", &parts, |cmd, (group, _, part)| self.record_gradient(cmd, &group.workspace, *part));
-        stage(cmd, "step", &parts, |cmd, (group, _, part)| self.record_step(cmd, group, round, *part));
+    /// Records a round of the fit of opacities and colours.
+    fn record_correction(&self, cmd: &mut Commands, groups: &[Waiting], round: usize) {
+        let parts: Vec<_> = groups.iter().map(|group| (group, group.plan.corrections[round])).collect();
+        self.record_pictures(cmd, &parts, Picture::Parents);
+        self.record_comparison(cmd, &parts, 0);
+        stage(cmd, "correct", &parts, |cmd, (Waiting { workspace, .. }, part)| {
+            let Workspace { sums, states, parents: Drawn { nodes, used, .. }, .. } = workspace;
+            let push = CorrectPush { nodes: part.nodes, views: part.views, most_factor: MOST_FACTOR as f32 };
+            let bindings = CorrectBindings { sums, nodes, states, used };
+            cmd.dispatch(&self.correct, bindings, push, DispatchSize::Invocations(part.nodes.into()));
+        });
     }
 
-    /// Records the pictures of children (0) or parents (1).
-    fn record_pictures(&self, cmd: &mut Commands, parts: &[(&Group, &Drawn, Part)], kind: usize) {
-        stage(cmd, "project", parts, |cmd, (group, drawn, part)| {
+    /// Records a round of the fit of shapes, of the groups that have it.
+    fn record_shapes(&self, cmd: &mut Commands, groups: &[Waiting], round: usize) {
+        let with_round = groups.iter().filter_map(|group| Some((group, group.plan.shapes.get(round)?.1)));
+        let parts: Vec<_> = with_round.collect();
+        self.record_pictures(cmd, &parts, Picture::Slopes);
+        stage(cmd, "gradient", &parts, |cmd, (group, part)| self.record_gradient(cmd, &group.workspace, *part));
+        stage(cmd, "step", &parts, |cmd, (group, part)| self.record_step(cmd, group, round, *part));
+    }
+
+    /// Records the pictures of the fitted parents, and their errors.
+    fn record_measurement(&self, cmd: &mut Commands, groups: &[Waiting]) {
+        let parts: Vec<_> = groups.iter().map(|group| (group, group.plan.measured)).collect();
+        self.record_pictures(cmd, &parts, Picture::Parents);
+        self.record_comparison(cmd, &parts, 1);
+    }
+
+    fn record_pictures(&self, cmd: &mut Commands, parts: &[GroupPart], picture: Picture) {
+        let is_of_children = picture == Picture::Children;
+        stage(cmd, "project", parts, |cmd, (group, part)| {
             let Workspace { views, rows, weights, .. } = &group.workspace;
-            let Drawn { nodes, sh, splats, spans, depths, used, .. } = drawn;
+            let Drawn { nodes, sh, splats, spans, depths, used, .. } = group.drawn(picture);
             let bindings = ProjectBindings { views, nodes, sh, splats, spans, depths, rows, used };
             let push = ProjectPush {
                 nodes: part.nodes,
@@ -302,35 +382,72 @@ impl Stages {
                 first_view: part.first_view,
                 views: part.views,
                 record_capacity: rows.len() as u32,
-                weight_capacity: if kind == 0 { u32::MAX } else { weights.len() as u32 },
+                weight_capacity: if is_of_children { u32::MAX } else { weights.len() as u32 },
             };
-            cmd.dispatch(&self.project[kind], bindings, push, part.groups(WORKGROUP));
+            let stage = &self.project[usize::from(!is_of_children)];
+            cmd.dispatch(stage, bindings, push, part.groups(WORKGROUP));
         });
-        stage(cmd, "rank", parts, |cmd, (_, Drawn { depths, order, .. }, part)| {
+        stage(cmd, "rank", parts, |cmd, (group, part)| {
+            let Drawn { depths, order, .. } = group.drawn(picture);
             let push = RankPush { nodes: part.nodes, views: part.views };
             cmd.dispatch(&self.rank, RankBindings { depths, order }, push, part.groups(WORKGROUP));
         });
-        stage(cmd, "blend", parts, |cmd, (group, drawn, part)| {
-            let Workspace { views, rows, pictures, weights, slopes, by_colours, .. } = &group.workspace;
-            let Drawn { splats, spans, order, .. } = drawn;
-            let bindings = BlendBindings { views, splats, spans, rows, order, pictures, weights, slopes, by_colours };
+        stage(cmd, "blend", parts, |cmd, (group, part)| {
+            let Workspace { views, rows, pictures, drawn, covered, weights, slopes, values, .. } = &group.workspace;
+            let Drawn { splats, spans, order, .. } = group.drawn(picture);
+            let pictures = if picture == Picture::Parents { drawn } else { pictures };
+            let bindings = BlendBindings {
+                views,
+                splats,
+                spans,
+                rows,
+                order,
+                pictures,
+                weights,
+                slopes,
+                by_colours: values,
+                covered,
+            };
             let Part { nodes, first_view, views, tiles } = *part;
             let push = BlendPush { nodes, first_view, views, tiles, alpha_max: ALPHA_MAX, clamped: CLAMPED };
-            cmd.dispatch(&self.blend[kind], bindings, push, DispatchSize::Groups(u64::from(views) * u64::from(tiles)));
+            cmd.dispatch(&self.blend[picture as usize], bindings, push, part.all_tiles());
+        });
+    }
+
+    /// Records the comparison of pictures, for the fit of opacities and colours (0) or for errors (1), and the sums over
+    /// the pixels of each node.
+    fn record_comparison(&self, cmd: &mut Commands, parts: &[GroupPart], kind: usize) {
+        stage(cmd, "compare", parts, |cmd, (group, part)| {
+            let Workspace { views, pictures: expected, drawn, covered, values, tiles, .. } = &group.workspace;
+            let bindings = CompareBindings { views, expected, drawn, covered, values, tiles };
+            let push = ComparePush {
+                first_view: part.first_view,
+                views: part.views,
+                tiles: part.tiles,
+                least_alpha: LEAST_ALPHA,
+                least_covered: LEAST_COVERED,
+            };
+            cmd.dispatch(&self.compare[kind], bindings, push, part.all_tiles());
+        });
+        stage(cmd, "sum", parts, |cmd, (group, part)| {
+            let Workspace { views, rows, weights, values, sums, .. } = &group.workspace;
+            let bindings = SumBindings { views, spans: &group.workspace.parents.spans, rows, weights, values, sums };
+            let push = SumPush { nodes: part.nodes, first_view: part.first_view, views: part.views };
+            cmd.dispatch(&self.sum[kind], bindings, push, part.groups(WORKGROUP / FIT_LANES));
         });
     }
 
     fn record_gradient(&self, cmd: &mut Commands, workspace: &Workspace, part: Part) {
-        let Workspace { views, rows, weights, slopes, by_colours, gradients, .. } = workspace;
+        let Workspace { views, rows, weights, slopes, values: by_colours, gradients, .. } = workspace;
         let Drawn { nodes, splats, spans, .. } = &workspace.parents;
         let bindings = GradientBindings { views, nodes, splats, spans, rows, weights, slopes, by_colours, gradients };
         let push = GradientPush { nodes: part.nodes, first_view: part.first_view, views: part.views };
         cmd.dispatch(&self.gradient, bindings, push, part.groups(WORKGROUP / FIT_LANES));
     }
 
-    fn record_step(&self, cmd: &mut Commands, group: &Group, round: usize, part: Part) {
+    fn record_step(&self, cmd: &mut Commands, group: &Waiting, round: usize, part: Part) {
         let Workspace { states, gradients, parents: Drawn { nodes, used, .. }, .. } = &group.workspace;
-        let (round, (low, high)) = (group.plan.rounds[round], group.plan.bounds);
+        let ((round, _), (low, high)) = (group.plan.shapes[round], group.plan.bounds);
         let push = StepPush {
             nodes: part.nodes,
             views: part.views,
@@ -364,23 +481,23 @@ mod tests {
     #[test]
     fn shapes_are_those_of_the_host() {
         let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
-        let fitter = ShapeFitter::new(&device).unwrap();
-        let fit_both = |children: Nodes, rounds: u32| {
+        let fitter = DeviceFitter::new(&device).unwrap();
+        let fit_both = |children: Nodes, shape_rounds: u32| {
             let [expected, found] = [None, Some(&fitter as &dyn Fitter)]
-                .map(|fitter| simplify(&children, children.len() / 2, 0.0, ShapeFit { rounds, fitter }).nodes);
-            let differ = expected.nodes.iter().zip(&found.nodes).filter(|(a, b)| a != b);
+                .map(|fitter| simplify(&children, children.len() / 2, 0.0, FitOptions { shape_rounds, fitter }));
+            let differ = expected.nodes.nodes.iter().zip(&found.nodes.nodes).filter(|(a, b)| a != b);
             let first: Vec<_> = differ.clone().take(1).collect();
-            assert!(first.is_empty(), "{} of {} nodes differ: {first:?}", differ.count(), found.len());
-            assert!(expected.sh == found.sh, "colours differ");
-            let merged = simplify(&children, children.len() / 2, 0.0, ShapeFit::default()).nodes;
-            assert!(found != merged, "nothing is fitted");
+            assert!(first.is_empty(), "{} of {} nodes differ: {first:?}", differ.count(), found.nodes.len());
+            assert!(expected == found, "colours or the reference width differ");
         };
         let group = |scene: &str, nodes: std::ops::Range<usize>| {
             let gaussians = Procedural::parse(scene).unwrap().unwrap().make().unwrap().gaussians;
             Nodes::of(&gaussians, along_curve(gaussians.means())[nodes].iter().map(|index| *index as usize))
         };
         // More rounds than have directions of their own; wide nodes.
-        for (scene, nodes, rounds) in [("cactus:60000", 40_000..40_700, 9), ("town:50000", 45_056..46_500, 1)] {
+        for (scene, nodes, rounds) in
+            [("cactus:60000", 40_000..40_700, 9), ("town:50000", 45_056..46_500, 1), ("town:50000", 20_000..24_096, 0)]
+        {
             fit_both(group(scene, nodes), rounds);
         }
         std::thread::scope(|threads| {
@@ -398,12 +515,12 @@ mod tests {
         let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
         // The sample fits.
         let device = device.with_small_limit(64 << 20).unwrap();
-        let fitter = ShapeFitter::new(&device).unwrap();
+        let fitter = DeviceFitter::new(&device).unwrap();
         let gaussians = Procedural::parse("town:50000").unwrap().unwrap().make().unwrap().gaussians;
         let children =
             Nodes::of(&gaussians, along_curve(gaussians.means())[..4096].iter().map(|index| *index as usize));
         let [expected, found] = [None, Some(&fitter as &dyn Fitter)]
-            .map(|fitter| simplify(&children, 2048, 0.0, ShapeFit { rounds: 9, fitter }).nodes);
+            .map(|fitter| simplify(&children, 2048, 0.0, FitOptions { shape_rounds: 9, fitter }));
         assert!(expected == found);
         let failure = fitter.take_failure().expect("it does not fit").to_string();
         assert!(failure.contains("bytes of `"), "{failure}");

@@ -3,12 +3,13 @@
 use anyhow::{Result, ensure};
 
 use crate::gpu::{Buffer, Commands, Device, DispatchSize, Element, InFlight};
-use crate::lod::{Descent, LANES, Node, Nodes, ROUND_DIRECTIONS, Round, Window};
-use crate::render::shaders::fit::{FIT_FUNCTIONS, FIT_LANES, FIT_TILE};
-use crate::render::shaders::{FitGradient, FitNode, FitRow, FitSpan, FitSplat, FitState, FitUse, FitView};
+use crate::lod::{Group, LANES, Node, Nodes, RESIDUALS, ROUND_DIRECTIONS, ROUNDS, Round, TILE, VIEWS, Window};
+use crate::render::shaders::fit::{FIT_FUNCTIONS, FIT_LANES, FIT_RESIDUALS, FIT_TILE};
+use crate::render::shaders::{FitGradient, FitNode, FitRow, FitSpan, FitSplat, FitState, FitTile, FitUse, FitView};
 use crate::scene::{harmonics, sh_coefficients};
 
 const _: () = assert!(FIT_FUNCTIONS as usize == harmonics::FUNCTIONS && FIT_LANES as usize == LANES);
+const _: () = assert!(FIT_TILE as usize == TILE && FIT_RESIDUALS as usize == RESIDUALS);
 
 /// Rows and weights that there is room for at first, and at most.
 const ROOM: [usize; 2] = [1 << 20, 1 << 21];
@@ -48,11 +49,12 @@ impl Drawn {
         reserve(device, &mut self.order, splats)
     }
 
-    fn upload(&self, cmd: &mut Commands, nodes: &Nodes) -> Result<()> {
+    fn upload(&self, cmd: &mut Commands, nodes: &Nodes, is_new: impl Fn(usize) -> bool) -> Result<()> {
         cmd.upload(&self.nodes, 0, nodes.len(), |memory| {
             for (i, (memory, node)) in memory.iter_mut().zip(&nodes.nodes).enumerate() {
                 let Node { mean, rotation, scale, opacity, size, .. } = *node;
-                *memory = FitNode { mean, rotation, scale, opacity, size, colour: nodes.sh(i)[0] };
+                let is_new = f32::from(u8::from(is_new(i)));
+                *memory = FitNode { mean, rotation, scale, opacity, size, colour: nodes.sh(i)[0], is_new };
             }
         })?;
         let sh: &[f32] = bytemuck::cast_slice(&nodes.sh);
@@ -70,6 +72,11 @@ fn reserve<T: Element>(device: &Device, buffer: &mut Buffer<T>, len: usize) -> R
     Ok(())
 }
 
+/// The tiles of a window.
+pub fn tiles_of(window: &Window) -> usize {
+    window.width.div_ceil(TILE) * window.height.div_ceil(TILE)
+}
+
 /// The views of one dispatch, and the number of nodes in them.
 #[derive(Clone, Copy)]
 pub struct Part {
@@ -82,18 +89,19 @@ pub struct Part {
 
 impl Part {
     fn of(windows: &[Window], nodes: usize, first_view: usize, views: usize) -> Self {
-        let tiles = |window: &Window| {
-            let [columns, rows] = [window.width, window.height].map(|side| side.div_ceil(FIT_TILE as usize));
-            (columns * rows) as u32
-        };
-        let tiles = windows[first_view..][..views].iter().map(tiles).max().unwrap_or(0);
-        let [nodes, first_view, views] = [nodes, first_view, views].map(|number| number as u32);
+        let tiles = windows[first_view..][..views].iter().map(tiles_of).max().unwrap_or(0);
+        let [nodes, first_view, views, tiles] = [nodes, first_view, views, tiles].map(|number| number as u32);
         Self { nodes, first_view, views, tiles }
     }
 
     /// Workgroups for all nodes in all views, with this number of nodes in each.
     pub fn groups(self, nodes: u32) -> DispatchSize {
         DispatchSize::Groups(u64::from(self.views) * u64::from(self.nodes.div_ceil(nodes)))
+    }
+
+    /// A workgroup for each tile of all views.
+    pub fn all_tiles(self) -> DispatchSize {
+        DispatchSize::Groups(u64::from(self.views) * u64::from(self.tiles))
     }
 }
 
@@ -102,28 +110,28 @@ pub struct Plan {
     pub coefficients: u32,
     /// All views of the children.
     pub children: Part,
-    /// The views of the parents, round by round, in turn.
-    parents: Vec<Part>,
-    pub rounds: Vec<Round>,
+    /// The views of each round of the fit of opacities and colours.
+    pub corrections: Vec<Part>,
+    /// The rounds of the fit of shapes, and the views of each.
+    pub shapes: Vec<(Round, Part)>,
+    /// The views in which errors are measured.
+    pub measured: Part,
     pub bounds: ([f32; 3], [f32; 3]),
 }
 
 impl Plan {
-    fn of(descent: &Descent, parents: usize) -> Self {
-        let Descent { children, windows, bounds, .. } = *descent;
-        let of_round = |round| Part::of(windows, parents, round * ROUND_DIRECTIONS, ROUND_DIRECTIONS);
+    fn of(group: &Group, windows: &[Window], parents: usize) -> Self {
+        let descent = &group.descent;
+        let some = |first_view: usize| Part::of(windows, parents, first_view, ROUND_DIRECTIONS);
+        let rounds = (VIEWS..windows.len()).step_by(ROUND_DIRECTIONS).cycle();
         Self {
-            coefficients: sh_coefficients(children.sh_degree) as u32,
-            children: Part::of(windows, children.len(), 0, windows.len()),
-            parents: (0..windows.len() / ROUND_DIRECTIONS).map(of_round).collect(),
-            rounds: descent.each_round().collect(),
-            bounds,
+            coefficients: sh_coefficients(descent.children.sh_degree) as u32,
+            children: Part::of(windows, descent.children.len(), 0, windows.len()),
+            corrections: (0..VIEWS).step_by(ROUND_DIRECTIONS).cycle().take(ROUNDS).map(some).collect(),
+            shapes: descent.each_round().zip(rounds.map(some)).collect(),
+            measured: Part::of(windows, parents, 0, VIEWS),
+            bounds: descent.bounds,
         }
-    }
-
-    /// The views of a round.
-    pub fn part(&self, round: usize) -> Part {
-        self.parents[round % self.parents.len()]
     }
 }
 
@@ -136,9 +144,15 @@ pub struct Workspace {
     pub rows: Buffer<FitRow>,
     /// Red, green, blue and transmittance of the pictures of the children.
     pub pictures: Buffer<[f32; 4]>,
+    /// Those of the parents, where they are compared.
+    pub drawn: Buffer<[f32; 4]>,
+    pub covered: Buffer<f32>,
     pub weights: Buffer<f32>,
     pub slopes: Buffer<f32>,
-    pub by_colours: Buffer<[f32; 3]>,
+    /// What is summed over the pixels of a node: several values of each pixel.
+    pub values: Buffer<f32>,
+    pub sums: Buffer<f32>,
+    pub tiles: Buffer<FitTile>,
     pub gradients: Buffer<FitGradient>,
 }
 
@@ -153,7 +167,11 @@ impl Workspace {
             pictures: Buffer::new(device, "pictures", 1)?,
             weights: Buffer::new(device, "weights", ROOM[1])?,
             slopes: Buffer::new(device, "slopes", ROOM[1])?,
-            by_colours: Buffer::new(device, "by_colours", 1)?,
+            drawn: Buffer::new(device, "drawn", 1)?,
+            covered: Buffer::new(device, "covered", 1)?,
+            values: Buffer::new(device, "values", 1)?,
+            sums: Buffer::new(device, "sums", 1)?,
+            tiles: Buffer::new(device, "tiles", 1)?,
             gradients: Buffer::new(device, "gradients", 1)?,
         })
     }
@@ -175,22 +193,28 @@ impl Workspace {
     }
 
     /// Makes room for a group, and submits its upload.
-    pub fn load(&mut self, device: &Device, descent: &Descent, parents: &Nodes) -> Result<(Plan, InFlight)> {
-        let Descent { children, windows, is_fitted, .. } = *descent;
-        let views = views_of(windows);
+    pub fn load(&mut self, device: &Device, group: &Group, parents: &Nodes) -> Result<(Plan, InFlight)> {
+        let (children, is_fitted) = (group.descent.children, group.descent.is_fitted);
+        let windows = Vec::from_iter(group.windows.iter().chain(&group.descent.windows).copied());
+        let (plan, views) = (Plan::of(group, &windows, parents.len()), views_of(&windows));
         reserve(device, &mut self.views, views.len())?;
         self.children.reserve(device, children, views.len())?;
-        self.parents.reserve(device, parents, ROUND_DIRECTIONS)?;
+        self.parents.reserve(device, parents, VIEWS)?;
         reserve(device, &mut self.states, parents.len())?;
         reserve(device, &mut self.gradients, parents.len() * ROUND_DIRECTIONS)?;
+        reserve(device, &mut self.sums, parents.len() * VIEWS.max(ROUND_DIRECTIONS * RESIDUALS))?;
+        reserve(device, &mut self.tiles, VIEWS * plan.measured.tiles as usize)?;
         let pixels = |windows: &[Window]| windows.iter().map(|window| window.width * window.height).sum::<usize>();
-        reserve(device, &mut self.pictures, pixels(windows))?;
-        let of_round = windows.chunks(ROUND_DIRECTIONS).map(pixels).max().unwrap_or(0);
-        reserve(device, &mut self.by_colours, of_round)?;
+        let (all, measured) = (pixels(&windows), pixels(&group.windows));
+        reserve(device, &mut self.pictures, all)?;
+        reserve(device, &mut self.drawn, measured)?;
+        reserve(device, &mut self.covered, measured)?;
+        let shapes = group.descent.windows.chunks(ROUND_DIRECTIONS).map(pixels).max().unwrap_or(0);
+        reserve(device, &mut self.values, (RESIDUALS * measured).max(3 * shapes))?;
         let mut cmd = Commands::new(device)?;
         cmd.upload(&self.views, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
-        self.children.upload(&mut cmd, children)?;
-        self.parents.upload(&mut cmd, parents)?;
+        self.children.upload(&mut cmd, children, |_| false)?;
+        self.parents.upload(&mut cmd, parents, |parent| group.is_new[parent])?;
         cmd.upload(&self.states, 0, parents.len(), |memory| {
             for ((memory, node), is_fitted) in memory.iter_mut().zip(&parents.nodes).zip(is_fitted) {
                 *memory = FitState {
@@ -201,7 +225,7 @@ impl Workspace {
                 };
             }
         })?;
-        Ok((Plan::of(descent, parents.len()), cmd.submit()?))
+        Ok((plan, cmd.submit()?))
     }
 }
 
