@@ -209,9 +209,16 @@ fn weighted_sums<const N: usize>(drawing: &Drawing, values: &[Vec<f32>; N]) -> V
     while let Some((splat, ..)) = rows.peek().copied() {
         let mut sums = [[0.0_f32; LANES]; N];
         while let Some((_, first, weights)) = rows.next_if(|row| row.0 == splat) {
-            for (sum, values) in sums.iter_mut().zip(values) {
-                for (values, weights) in values[first..].as_chunks::<LANES>().0.iter().zip(weights) {
-                    (0..LANES).for_each(|i| sum[i] += values[i] * weights[i]);
+            // Loops, as closures would be calls here.
+            let mut of_row: [&[[f32; LANES]]; N] = [&[]; N];
+            for k in 0..N {
+                of_row[k] = values[k][first..].as_chunks().0;
+            }
+            for (at, weights) in weights.iter().enumerate() {
+                for k in 0..N {
+                    for i in 0..LANES {
+                        sums[k][i] += of_row[k][at][i] * weights[i];
+                    }
                 }
             }
         }
