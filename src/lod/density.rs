@@ -7,38 +7,67 @@
 
 use std::f32::consts::PI;
 
+use bytemuck::{Pod, Zeroable};
+use multiversion::multiversion;
+
 use super::node::Node;
-use super::raster::exp2;
+use super::raster::{LANES, exp2};
 
 /// The planes that a density is projected to, as pairs of axes.
 const PLANES: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 /// Colour channels, and the density itself.
 const CHANNELS: usize = 4;
-/// A number per plane or per axis, and a fourth that is 0 or harmless: one instruction works on four.
-type Lanes = [f32; 4];
+/// A number for each plane or axis.
+type Each = [f32; 3];
 
 /// The projected density of a node.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub struct Density {
-    mean: Lanes,
+    mean: Each,
     /// Variances, blurred.
-    var: Lanes,
+    var: Each,
     /// Covariances of the axes of each plane.
-    cov: Lanes,
+    cov: Each,
     /// Opacity times area in each plane.
-    mass: Lanes,
+    mass: Each,
     colour: [f32; CHANNELS],
     /// The squared norm.
     norm: f32,
 }
 
 /// A number for each axis, as one for the second axis of each plane.
-fn second([x, y, z, w]: Lanes) -> Lanes {
-    [y, z, x, w]
+fn second([x, y, z]: Each) -> Each {
+    [y, z, x]
 }
 
-fn each(f: impl Fn(usize) -> f32) -> Lanes {
-    std::array::from_fn(f)
+#[inline(always)]
+fn each(f: impl Fn(usize) -> f32) -> Each {
+    [f(0), f(1), f(2)]
+}
+
+/// Numbers of a density.
+const NUMBERS: usize = size_of::<Density>() / size_of::<f32>();
+
+/// The costs of merges of a density with each of several. All versions make the same bits.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn costs(own: &Density, others: &[&Density; LANES]) -> [f32; LANES] {
+    // One instruction works on all of the others: their numbers are put side by side first.
+    let (mut numbers, mut costs) = ([[0.0_f32; LANES]; NUMBERS], [0.0; LANES]);
+    for (i, other) in others.iter().enumerate() {
+        let own: &[f32; NUMBERS] = bytemuck::cast_ref(*other);
+        for k in 0..NUMBERS {
+            numbers[k][i] = own[k];
+        }
+    }
+    for i in 0..LANES {
+        let mut other = [0.0; NUMBERS];
+        for k in 0..NUMBERS {
+            other[k] = numbers[k][i];
+        }
+        costs[i] = own.cost(bytemuck::cast_ref(&other));
+    }
+    costs
 }
 
 impl Density {
@@ -51,13 +80,12 @@ impl Density {
             let area = (entry(u, u) * entry(v, v) - entry(u, v).powi(2)).max(0.0).sqrt();
             (opacity * area).max(1e-30) as f32
         });
-        let lanes = |[x, y, z]: [f32; 3], rest: f32| [x, y, z, rest];
         let mut density = Self {
-            mean: lanes([0, 1, 2].map(|i| node.mean[i] - origin[i]), 0.0),
-            var: lanes([0, 1, 2].map(|i| entry(i, i) as f32 + blur), 1.0),
-            cov: lanes(PLANES.map(|[u, v]| entry(u, v) as f32), 0.0),
-            mass: lanes(mass, 0.0),
-            colour: lanes(colour, 1.0),
+            mean: each(|i| node.mean[i] - origin[i]),
+            var: each(|i| entry(i, i) as f32 + blur),
+            cov: PLANES.map(|[u, v]| entry(u, v) as f32),
+            mass,
+            colour: [colour[0], colour[1], colour[2], 1.0],
             norm: 0.0,
         };
         density.norm = density.squared();
@@ -65,14 +93,16 @@ impl Density {
     }
 
     pub fn mean(&self) -> [f32; 3] {
-        [0, 1, 2].map(|i| self.mean[i])
+        self.mean
     }
 
+    #[inline(always)]
     fn total(&self) -> f32 {
         self.mass.iter().sum()
     }
 
     /// The inner product of two densities.
+    #[inline(always)]
     fn product(&self, other: &Self) -> f32 {
         let alike: f32 = (0..CHANNELS).map(|i| self.colour[i] * other.colour[i]).sum();
         let a = each(|i| self.var[i] + other.var[i]);
@@ -87,6 +117,7 @@ impl Density {
     }
 
     /// The product of a density with itself.
+    #[inline(always)]
     fn squared(&self) -> f32 {
         let alike: f32 = self.colour.iter().map(|colour| colour * colour).sum();
         let (a, b) = (each(|i| 2.0 * self.var[i]), each(|i| 2.0 * self.cov[i]));
@@ -98,6 +129,7 @@ impl Density {
 
     /// The density of the parent of both.
     #[must_use]
+    #[inline(always)]
     pub fn merged(&self, other: &Self) -> Self {
         let (a, b) = (self.total(), other.total());
         let (s, t) = (a / (a + b), b / (a + b));
@@ -108,7 +140,7 @@ impl Density {
             var: each(|i| s * self.var[i] + t * other.var[i] + s * t * apart[i] * apart[i]),
             cov: each(|i| s * self.cov[i] + t * other.cov[i] + s * t * apart[i] * across[i]),
             mass: each(|i| self.mass[i] + other.mass[i]),
-            colour: each(|i| s * self.colour[i] + t * other.colour[i]),
+            colour: std::array::from_fn(|i| s * self.colour[i] + t * other.colour[i]),
             norm: 0.0,
         };
         density.norm = density.squared();
@@ -116,7 +148,8 @@ impl Density {
     }
 
     /// The cost of a merge of the two.
-    pub fn cost(&self, other: &Self) -> f32 {
+    #[inline(always)]
+    fn cost(&self, other: &Self) -> f32 {
         let both = self.merged(other);
         let before = self.norm + other.norm + 2.0 * self.product(other);
         let across = both.product(self) + both.product(other);

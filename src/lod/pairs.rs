@@ -3,8 +3,9 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::density::Density;
+use super::density::{Density, costs};
 use super::neighbours::neighbours;
+use super::raster::LANES;
 
 /// Candidates for a merge per node.
 const PARTNERS: usize = 8;
@@ -137,13 +138,18 @@ impl Merging {
     /// Queues the cheapest pair of a node.
     fn pair(&mut self, own: u32) {
         let mut partners = self.take_partners(own);
-        let density = &self.densities[own as usize];
-        for partner in &mut partners {
-            let other = partner.node as usize;
-            // Costs of unchanged nodes stay valid.
-            if partner.version != self.versions[other] {
-                let cost = density.cost(&self.densities[other]).to_bits();
-                *partner = Partner { version: self.versions[other], cost, ..*partner };
+        let density = |node: u32| &self.densities[node as usize];
+        // Costs of unchanged nodes stay valid.
+        let mut changed = partners.iter_mut().filter(|partner| partner.version != self.versions[partner.node as usize]);
+        loop {
+            let some: [Option<&mut Partner>; LANES] = std::array::from_fn(|_| changed.next());
+            let others = some.each_ref().map(|one| density(one.as_ref().map_or(own, |partner| partner.node)));
+            if some[0].is_none() {
+                break;
+            }
+            let costs = costs(density(own), &others);
+            for (partner, cost) in some.into_iter().flatten().zip(costs) {
+                (partner.version, partner.cost) = (self.versions[partner.node as usize], cost.to_bits());
             }
         }
         if let Some(Partner { node, version, cost }) =
