@@ -58,23 +58,25 @@ uint load_near(uint number, uint begin, uvec2 tile) {
     return total;
 }
 
-// The rows of the tile in STAGED near nodes: the columns, and the place of the weight of the first one.
-const uint STAGED = WORKGROUP / FIT_TILE;
+// The rows of the tile in STAGED near nodes: the columns, and the place of the weight of the first one. Each invocation
+// loads some of them together, so that the loads are waited for together.
+const uint LOADED = 4;
+const uint STAGED = LOADED * WORKGROUP / FIT_TILE;
 shared uvec2 staged[STAGED][FIT_TILE];
 
 // Loads the rows of STAGED near nodes from `first` on, of `near`. The whole workgroup must call it.
 void stage_rows(uint first, uint near, uint tile_y) {
     uint node = lane() / FIT_TILE, row = tile_y + lane() % FIT_TILE;
-    uvec2 found = uvec2(0);
-    if (first + node < near) {
-        FitSpan span = near_spans[first + node];
-        if (row >= span.first_row && row < span.end_row) {
-            FitRow record = rows[span.first_record + row - span.first_row];
-            found = uvec2(record.columns, span.first_weight + record.pixels_above);
-        }
+    uvec2 found[LOADED];
+    for (uint i = 0; i < LOADED; i++) {
+        uint index = first + node + i * (STAGED / LOADED);
+        FitSpan span = near_spans[min(index, WORKGROUP - 1)];
+        bool has_row = index < near && row >= span.first_row && row < span.end_row;
+        FitRow record = rows[has_row ? span.first_record + row - span.first_row : 0];
+        found[i] = has_row ? uvec2(record.columns, span.first_weight + record.pixels_above) : uvec2(0);
     }
     barrier();  // lanes may still read the rows of an earlier call
-    staged[node][lane() % FIT_TILE] = found;
+    for (uint i = 0; i < LOADED; i++) staged[node + i * (STAGED / LOADED)][lane() % FIT_TILE] = found[i];
     barrier();
 }
 

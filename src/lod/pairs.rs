@@ -46,6 +46,8 @@ struct Merging {
     versions: Vec<u32>,
     partners: Vec<Vec<Partner>>,
     pairs: BinaryHeap<Reverse<Pair>>,
+    /// Distances of candidates. The memory is used again.
+    keyed: Vec<(f32, u32)>,
 }
 
 /// Merges nodes until `wanted` are left. Returns the node that each was merged into; itself if it is left.
@@ -57,6 +59,7 @@ pub fn merged(densities: Vec<Density>, wanted: usize) -> Vec<u32> {
         into: (0..count as u32).collect(),
         versions: vec![0; count],
         pairs: BinaryHeap::with_capacity(2 * count),
+        keyed: Vec::new(),
     };
     let mut left = count;
     while left > wanted.max(1) {
@@ -125,11 +128,12 @@ impl Merging {
     fn keep_nearest(&mut self, node: u32) {
         let mut partners = std::mem::take(&mut self.partners[node as usize]);
         if partners.len() > PARTNERS {
-            let own = &self.densities[node as usize];
-            let mut keyed: Vec<(f32, u32)> =
-                partners.iter().map(|other| (own.distance(&self.densities[other.node as usize]), other.node)).collect();
+            let (own, keyed) = (&self.densities[node as usize], &mut self.keyed);
+            let distance = |other: u32| own.distance(&self.densities[other as usize]);
+            keyed.clear();
+            keyed.extend(partners.drain(..).map(|other| (distance(other.node), other.node)));
             keyed.select_nth_unstable_by(PARTNERS, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            partners = keyed[..PARTNERS].iter().map(|(_, other)| Partner::new(*other)).collect();
+            partners.extend(keyed[..PARTNERS].iter().map(|(_, other)| Partner::new(*other)));
             partners.sort_unstable_by_key(|partner| partner.node);
         }
         self.partners[node as usize] = partners;
