@@ -91,16 +91,17 @@ void main() {
     if (lane() < WORKGROUP / 16) squares_of_4[lane()] = square_of_block(4, 0.0625);
     for (uint left = WORKGROUP / 2; left > 0; left /= 2) {
         barrier();
-        if (lane() >= left) continue;
-        precise double sum = squares[lane()] + squares[lane() + left];
-        squares[lane()] = sum;
-        if (left <= WORKGROUP / 8) {
-            precise double sum_of_2 = squares_of_2[lane()] + squares_of_2[lane() + left];
-            squares_of_2[lane()] = sum_of_2;
+        if (lane() < left) {
+            precise double sum = squares[lane()] + squares[lane() + left];
+            squares[lane()] = sum;
         }
-        if (left <= WORKGROUP / 32) {
-            precise double sum_of_4 = squares_of_4[lane()] + squares_of_4[lane() + left];
-            squares_of_4[lane()] = sum_of_4;
+        if (lane() < left && left <= WORKGROUP / 8) {
+            precise double sum = squares_of_2[lane()] + squares_of_2[lane() + left];
+            squares_of_2[lane()] = sum;
+        }
+        if (lane() < left && left <= WORKGROUP / 32) {
+            precise double sum = squares_of_4[lane()] + squares_of_4[lane() + left];
+            squares_of_4[lane()] = sum;
         }
     }
     if (lane() > 0) return;

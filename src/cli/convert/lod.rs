@@ -63,7 +63,7 @@ pub(in crate::cli) struct Args {
     keep_levels: bool,
     /// Rounds that fit the shapes of nodes [default: 0]
     ///
-    /// 12 rounds gain 0.3 to 2.2 dB at the same number of nodes. Levels then take 1.3 to 1.8 times as long with a GPU,
+    /// 12 rounds gain 0.3 to 2.2 dB at the same number of nodes. Levels then take 1.5 to 2.2 times as long with a GPU,
     /// and about four times without (docs/levels.md).
     #[arg(long, help_heading = OUTPUT, value_name = "COUNT", conflicts_with = "keep_levels")]
     #[arg(value_parser = whole::<u32>(0..=100))]
@@ -230,8 +230,10 @@ fn with_levels<T>(
     let Args { scene, output, reading, .. } = args;
     let input = SceneArg { scene: scene.clone(), reading: *reading };
     if let Some(file) = input.page_file()?.filter(has_levels) {
-        if args.fit_rounds.is_some_and(|rounds| rounds > 0) {
-            let why = "has levels already, and --fit-rounds is for new ones: leave it out";
+        let of_new =
+            [("--fit-rounds", args.fit_rounds.is_some_and(|rounds| rounds > 0)), ("--device", args.device.is_some())];
+        if let Some((option, _)) = of_new.into_iter().find(|(_, is_given)| *is_given) {
+            let why = format!("has levels already, and {option} is for new ones: leave it out");
             return Err(Usage(format!("{} {why}", scene.display())).into());
         }
         return give(&file);

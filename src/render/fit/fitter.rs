@@ -345,7 +345,7 @@ impl Stages {
     fn record_correction(&self, cmd: &mut Commands, groups: &[Waiting], round: usize) {
         let parts: Vec<_> = groups.iter().map(|group| (group, group.plan.corrections[round])).collect();
         self.record_pictures(cmd, &parts, Picture::Parents);
-        self.record_comparison(cmd, &parts, 0);
+        self.record_comparison(cmd, &parts, false);
         stage(cmd, "correct", &parts, |cmd, (Waiting { workspace, .. }, part)| {
             let Workspace { sums, states, parents: Drawn { nodes, used, .. }, .. } = workspace;
             let push = CorrectPush { nodes: part.nodes, views: part.views, most_factor: MOST_FACTOR as f32 };
@@ -367,7 +367,7 @@ impl Stages {
     fn record_measurement(&self, cmd: &mut Commands, groups: &[Waiting]) {
         let parts: Vec<_> = groups.iter().map(|group| (group, group.plan.measured)).collect();
         self.record_pictures(cmd, &parts, Picture::Parents);
-        self.record_comparison(cmd, &parts, 1);
+        self.record_comparison(cmd, &parts, true);
     }
 
     fn record_pictures(&self, cmd: &mut Commands, parts: &[GroupPart], picture: Picture) {
@@ -414,9 +414,9 @@ impl Stages {
         });
     }
 
-    /// Records the comparison of pictures, for the fit of opacities and colours (0) or for errors (1), and the sums over
-    /// the pixels of each node.
-    fn record_comparison(&self, cmd: &mut Commands, parts: &[GroupPart], kind: usize) {
+    /// Records the comparison of pictures and the sums over the pixels of each node, for the fit of opacities and colours
+    /// or for errors.
+    fn record_comparison(&self, cmd: &mut Commands, parts: &[GroupPart], measures: bool) {
         stage(cmd, "compare", parts, |cmd, (group, part)| {
             let Workspace { views, pictures: expected, drawn, covered, values, tiles, .. } = &group.workspace;
             let bindings = CompareBindings { views, expected, drawn, covered, values, tiles };
@@ -427,13 +427,13 @@ impl Stages {
                 least_alpha: LEAST_ALPHA,
                 least_covered: LEAST_COVERED,
             };
-            cmd.dispatch(&self.compare[kind], bindings, push, part.all_tiles());
+            cmd.dispatch(&self.compare[usize::from(measures)], bindings, push, part.all_tiles());
         });
         stage(cmd, "sum", parts, |cmd, (group, part)| {
             let Workspace { views, rows, weights, values, sums, .. } = &group.workspace;
             let bindings = SumBindings { views, spans: &group.workspace.parents.spans, rows, weights, values, sums };
             let push = SumPush { nodes: part.nodes, first_view: part.first_view, views: part.views };
-            cmd.dispatch(&self.sum[kind], bindings, push, part.groups(WORKGROUP / FIT_LANES));
+            cmd.dispatch(&self.sum[usize::from(measures)], bindings, push, part.groups(WORKGROUP / FIT_LANES));
         });
     }
 
