@@ -100,7 +100,7 @@ pub(super) fn open_instead_of_host(name: Option<&str>) -> Result<Option<Device>>
     }
     match open(&choice, &environment, MemoryArg { memory: None }) {
         Ok(device) if name.is_none() && !is_gpu(device.capabilities()) => Ok(None),
-        Err(error) if choice == DeviceChoice::Best => {
+        Err(error) if name.is_none() => {
             remark(&format!("no GPU is used: {error:#}"));
             Ok(None)
         }

@@ -9,7 +9,8 @@ use super::raster::{Direction, Drawing, MARGIN, Splats, Window};
 /// The width of a pixel of the pictures, as a part of the usual one: parents that are fitted in wider pixels look wrong
 /// where nodes are drawn much larger than a pixel.
 const PX: f64 = 0.5;
-/// Directions of a round, in turn.
+/// Directions of a round, in turn, also of the fit of opacities and colours. In fewer directions, a mostly hidden node
+/// would be fitted to its few visible pixels.
 pub const ROUND_DIRECTIONS: usize = 3;
 /// The length of a step in the first round, and the part of it in the last one. Steps are in standard deviations,
 /// logarithms, radians and coefficients.

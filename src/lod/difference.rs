@@ -7,7 +7,7 @@ use super::node::Nodes;
 use super::raster::{Direction, Drawing, Picture, Pixel, Splats, Window};
 
 /// Pixels along a side of the tiles whose sums are added up.
-pub const TILE: usize = 16;
+pub const SUM_TILE: usize = 16;
 
 /// Smaller squared differences, and smaller sums over pixels, count as 0: devices take 32-bit floats below 1e-38 for 0.
 pub const LEAST: f32 = 1e-24;
@@ -34,14 +34,14 @@ impl Difference {
         // Differences of colours and of transmittance.
         let differences: Vec<Pixel> =
             expected.pixels().zip(drawn.pixels()).map(|(a, b)| std::array::from_fn(|k| a[k] - b[k])).collect();
-        let [columns, rows] = [window.width, window.height].map(|side| (0..side).step_by(TILE));
+        let [columns, rows] = [window.width, window.height].map(|side| (0..side).step_by(SUM_TILE));
         let tiles = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
         let sums = tiles.map(|tile| tile_sums(&differences, window, tile));
         Self { sums: total(sums), squared: differences.into_iter().map(mean_square).collect() }
     }
 }
 
-/// The sums of some tiles.
+/// The total of several sums, in their order.
 pub fn total(tiles: impl Iterator<Item = Sums>) -> Sums {
     tiles.fold(Sums::default(), |sum, own| std::array::from_fn(|i| sum[i] + own[i]))
 }
@@ -56,14 +56,14 @@ fn mean_square([r, g, b, passing]: Pixel) -> f32 {
 /// The sums of a tile, in the order of the invocations of a device. All versions make the same bits.
 #[multiversion(targets("x86_64+avx2"))]
 fn tile_sums(differences: &[Pixel], window: Window, (x, y): (usize, usize)) -> Sums {
-    let mut tile = [[Pixel::default(); TILE]; TILE];
-    let columns = TILE.min(window.width - x);
+    let mut tile = [[Pixel::default(); SUM_TILE]; SUM_TILE];
+    let columns = SUM_TILE.min(window.width - x);
     for (own, row) in tile.iter_mut().zip(y..window.height) {
         own[..columns].copy_from_slice(&differences[row * window.width + x..][..columns]);
     }
     [1, 2, 4].map(|side| {
-        let (blocks, pixels) = (TILE / side, side * side);
-        let mut squares = [0.0_f64; TILE * TILE];
+        let (blocks, pixels) = (SUM_TILE / side, side * side);
+        let mut squares = [0.0_f64; SUM_TILE * SUM_TILE];
         for (i, square) in squares[..blocks * blocks].iter_mut().enumerate() {
             let (row, column) = (i / blocks * side, i % blocks * side);
             let mut sum = Pixel::default();

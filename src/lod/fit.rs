@@ -8,9 +8,9 @@ use super::node::{Node, Nodes};
 use super::raster::{Drawing, LANES, Picture, Splats, Window, directions};
 use crate::scene::harmonics;
 
-/// Rounds of the fit. Each moves opacities and colours towards the pictures of the children.
-pub const ROUNDS: usize = 4;
-/// Pictures of a group.
+/// Rounds that move opacities and colours towards the pictures of the children.
+pub const COLOUR_ROUNDS: usize = 4;
+/// Directions in which opacities and colours are fitted and errors are measured.
 pub const VIEWS: usize = 6;
 /// Values of a pixel by which opacities and colours are fitted.
 pub const RESIDUALS: usize = 5;
@@ -29,7 +29,7 @@ const LEAST_PX: f64 = 0.05;
 /// The remaining difference between parents and children.
 pub struct Residual {
     /// The squared difference of colours of each new parent, summed over the channels and over the area, world units
-    /// squared: the mean over the directions and over black and white backgrounds.
+    /// squared: the mean over the directions and over black and white backgrounds. Without meaning for the others.
     pub squared_errors: Vec<f64>,
     /// The reference pixel width, world units: in wider pixels, the difference falls with the square of the width.
     pub reference_width: f64,
@@ -72,7 +72,7 @@ pub struct Group<'g> {
     pub descent: Descent<'g>,
 }
 
-/// Another machine that fits parents, with the same bits as [`Group::on_host`].
+/// Another machine that fits parents, with the same bits as `Group::on_host`.
 pub trait Fitter: Sync {
     /// Fits the parents, and measures them. Returns none, and leaves the parents, if it cannot.
     fn fit(&self, group: &Group, parents: &mut Nodes) -> Option<Measured>;
@@ -95,14 +95,14 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Adds up tiles, window by window, and the parts of the parents, window by window.
-    pub fn of(tiles: impl Iterator<Item = Sums>, parts: &[f32], is_new: &[bool]) -> Self {
+    /// Adds up the sums of the windows, and the parts of the parents, window by window.
+    pub fn of(windows: impl Iterator<Item = Sums>, parts: &[f32], is_new: &[bool]) -> Self {
         let mut all = vec![0.0; is_new.len()];
         for parts in parts.chunks(is_new.len()) {
             let new = all.iter_mut().zip(parts).zip(is_new).filter(|(_, is_new)| **is_new);
             new.for_each(|((all, part), _)| *all += f64::from(*part));
         }
-        Self { sums: total(tiles), parts: all }
+        Self { sums: total(windows), parts: all }
     }
 
     fn residual(self, px: f64, is_new: &[bool]) -> Residual {
@@ -145,7 +145,7 @@ impl Group<'_> {
             Splats::of(descent.children, window).draw(descent.children, &mut drawing);
             View { window, children: drawing.picture.clone(), parents: Splats::of(parents, window) }
         });
-        for some in views.chunks(ROUND_DIRECTIONS).cycle().take(ROUNDS) {
+        for some in views.chunks(ROUND_DIRECTIONS).cycle().take(COLOUR_ROUNDS) {
             let mut corrections = vec![Correction::default(); parents.len()];
             for view in some {
                 view.parents.draw(parents, &mut drawing);

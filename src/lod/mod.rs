@@ -31,9 +31,11 @@ mod replacement;
 mod simplify;
 
 pub use descent::{Descent, LEAST_GRADIENT, MOST_CHANGE, REPLACED, ROUND_DIRECTIONS, Round};
-pub use difference::{LEAST, Sums, TILE, squared_difference};
+pub use difference::{LEAST, SUM_TILE, Sums, squared_difference, total};
 pub use error_code::{CODES_PER_OCTAVE, FINEST, LOWEST_EXPONENT, NEVER, code_below, code_of, value_of_code};
-pub use fit::{FitOptions, Fitter, Group, LEAST_ALPHA, LEAST_COVERED, MOST_FACTOR, Measured, RESIDUALS, ROUNDS, VIEWS};
+pub use fit::{
+    COLOUR_ROUNDS, FitOptions, Fitter, Group, LEAST_ALPHA, LEAST_COVERED, MOST_FACTOR, Measured, RESIDUALS, VIEWS,
+};
 pub use gradient::CLAMPED;
 pub use node::{Node, Nodes, median};
 pub use raster::{LANES, MOST_DEVIATIONS, PER_ALPHA_MIN, Window};

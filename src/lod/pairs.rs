@@ -147,10 +147,10 @@ impl Merging {
         let mut changed = partners.iter_mut().filter(|partner| partner.version != self.versions[partner.node as usize]);
         loop {
             let some: [Option<&mut Partner>; LANES] = std::array::from_fn(|_| changed.next());
-            let others = some.each_ref().map(|one| density(one.as_ref().map_or(own, |partner| partner.node)));
             if some[0].is_none() {
                 break;
             }
+            let others = some.each_ref().map(|one| density(one.as_ref().map_or(own, |partner| partner.node)));
             let costs = costs(density(own), &others);
             for (partner, cost) in some.into_iter().flatten().zip(costs) {
                 (partner.version, partner.cost) = (self.versions[partner.node as usize], cost.to_bits());

@@ -38,7 +38,7 @@ pub fn settings(storage: Option<Options>, memory: Option<u64>) -> Settings {
 }
 
 /// Writes a page file. Returns how many Gaussians were left out, and the notices of the readers, too.
-/// `fitter`: what fits the shapes of merged nodes, in place of the host.
+/// `fitter`: what fits merged nodes, in place of the host.
 pub fn convert(
     inputs: Inputs,
     output: &Path,

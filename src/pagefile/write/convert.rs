@@ -187,15 +187,16 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
         let groups = GroupCheckpoint::new(&checkpoint, &file);
         // Without a state, no run can resume.
         let groups = checkpoint.path(STATE).is_file().then_some(&groups);
-        let build = || {
+        let build_levels = || {
             let fit_options = FitOptions { shape_rounds: job.settings.fit_rounds, fitter: job.fitter };
             let sizes = (count, header.layout.sh_degree);
             build((&output, scene.file, groups), sizes, fit_options, &progress, job.is_cancelled)
         };
-        let built = match job.fitter {
-            // Some threads wait for the device.
-            Some(_) => threads::pool(rayon::current_num_threads() * 3 / 2)?.install(build),
-            None => build(),
+        // Some threads wait for the device.
+        let more_threads = || threads::pool(rayon::current_num_threads() * 3 / 2).ok();
+        let built = match job.fitter.and_then(|_| more_threads()) {
+            Some(pool) => pool.install(build_levels),
+            None => build_levels(),
         };
         built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
         resumed = groups.map_or(0, |groups| groups.found.load(Ordering::Relaxed));

@@ -11,8 +11,8 @@ use anyhow::{Context, Error, Result, anyhow, ensure};
 use super::workspace::{Drawn, Part, Plan, Workspace, tiles_of};
 use crate::gpu::{Access, Commands, Device, DispatchSize, Feature, InFlight, Stage};
 use crate::lod::{
-    CLAMPED, FitOptions, Fitter, Group, LEAST, LEAST_ALPHA, LEAST_COVERED, LEAST_GRADIENT, MOST_CHANGE,
-    MOST_DEVIATIONS, MOST_FACTOR, Measured, Node, Nodes, PER_ALPHA_MIN, REPLACED, ROUNDS, VIEWS, simplify,
+    CLAMPED, COLOUR_ROUNDS, FitOptions, Fitter, Group, LEAST, LEAST_ALPHA, LEAST_COVERED, LEAST_GRADIENT, MOST_CHANGE,
+    MOST_DEVIATIONS, MOST_FACTOR, Measured, Node, Nodes, PER_ALPHA_MIN, REPLACED, VIEWS, simplify, total,
 };
 use crate::render::shaders::fit::*;
 use crate::render::shaders::{FitNode, FitTile};
@@ -79,9 +79,9 @@ struct Found {
 impl Found {
     fn measured(&self, group: &Group) -> Measured {
         let sums = |tile: &FitTile| tile.sums.map(|[low, high]| f64::from_bits(u64::from(high) << 32 | u64::from(low)));
-        let tiles = group.windows.iter().zip(self.tiles.chunks(self.most_tiles.max(1)));
-        let tiles = tiles.flat_map(|(window, all)| all[..tiles_of(window)].iter().map(sums));
-        Measured::of(tiles, &self.parts[..VIEWS * group.is_new.len()], group.is_new)
+        let windows = group.windows.iter().zip(self.tiles.chunks(self.most_tiles.max(1)));
+        let windows = windows.map(|(window, tiles)| total(tiles[..tiles_of(window)].iter().map(sums)));
+        Measured::of(windows, &self.parts[..VIEWS * group.is_new.len()], group.is_new)
     }
 }
 
@@ -226,7 +226,7 @@ impl DeviceFitter {
         let mut cmd = Commands::new(&self.device)?;
         cmd.barrier(Access::COPY_WRITE, Access::SHADER);
         self.stages.record_children(&mut cmd, groups);
-        (0..ROUNDS).for_each(|round| self.stages.record_correction(&mut cmd, groups, round));
+        (0..COLOUR_ROUNDS).for_each(|round| self.stages.record_correction(&mut cmd, groups, round));
         let (mut earlier, rounds) = (Vec::new(), groups.iter().map(|group| group.plan.shapes.len()).max().unwrap_or(0));
         for first in (0..rounds).step_by(MOST_ROUNDS) {
             let end = rounds.min(first + MOST_ROUNDS);
@@ -479,7 +479,7 @@ mod tests {
 
     /// On a device, nodes get the same bits as on the host, in groups one after another and at the same time.
     #[test]
-    fn shapes_are_those_of_the_host() {
+    fn nodes_are_those_of_the_host() {
         let device = Device::open(&DeviceChoice::Best, Validation::IfInstalled).unwrap();
         let fitter = DeviceFitter::new(&device).unwrap();
         let fit_both = |children: Nodes, shape_rounds: u32| {

@@ -1,4 +1,4 @@
-//! Nodes of levels of detail, fitted to pictures of their children: the twin of [`Fitter`] on the host, with its bits.
+//! Nodes of levels of detail, fitted to pictures of their children: a [`Fitter`] with the bits of the host.
 //!
 //! - `fitter` - the stages, and groups of nodes that are fitted together
 //! - `workspace` - the buffers of a group

@@ -3,13 +3,15 @@
 use anyhow::{Result, ensure};
 
 use crate::gpu::{Buffer, Commands, Device, DispatchSize, Element, InFlight};
-use crate::lod::{Group, LANES, Node, Nodes, RESIDUALS, ROUND_DIRECTIONS, ROUNDS, Round, TILE, VIEWS, Window};
+use crate::lod::{
+    COLOUR_ROUNDS, Group, LANES, Node, Nodes, RESIDUALS, ROUND_DIRECTIONS, Round, SUM_TILE, VIEWS, Window,
+};
 use crate::render::shaders::fit::{FIT_FUNCTIONS, FIT_LANES, FIT_RESIDUALS, FIT_TILE};
 use crate::render::shaders::{FitGradient, FitNode, FitRow, FitSpan, FitSplat, FitState, FitTile, FitUse, FitView};
 use crate::scene::{harmonics, sh_coefficients};
 
 const _: () = assert!(FIT_FUNCTIONS as usize == harmonics::FUNCTIONS && FIT_LANES as usize == LANES);
-const _: () = assert!(FIT_TILE as usize == TILE && FIT_RESIDUALS as usize == RESIDUALS);
+const _: () = assert!(FIT_TILE as usize == SUM_TILE && FIT_RESIDUALS as usize == RESIDUALS);
 
 /// Rows and weights that there is room for at first, and at most.
 const ROOM: [usize; 2] = [1 << 20, 1 << 21];
@@ -74,7 +76,7 @@ fn reserve<T: Element>(device: &Device, buffer: &mut Buffer<T>, len: usize) -> R
 
 /// The tiles of a window.
 pub fn tiles_of(window: &Window) -> usize {
-    window.width.div_ceil(TILE) * window.height.div_ceil(TILE)
+    window.width.div_ceil(SUM_TILE) * window.height.div_ceil(SUM_TILE)
 }
 
 /// The views of one dispatch, and the number of nodes in them.
@@ -127,7 +129,7 @@ impl Plan {
         Self {
             coefficients: sh_coefficients(descent.children.sh_degree) as u32,
             children: Part::of(windows, descent.children.len(), 0, windows.len()),
-            corrections: (0..VIEWS).step_by(ROUND_DIRECTIONS).cycle().take(ROUNDS).map(some).collect(),
+            corrections: (0..VIEWS).step_by(ROUND_DIRECTIONS).cycle().take(COLOUR_ROUNDS).map(some).collect(),
             shapes: descent.each_round().zip(rounds.map(some)).collect(),
             measured: Part::of(windows, parents, 0, VIEWS),
             bounds: descent.bounds,
@@ -209,8 +211,9 @@ impl Workspace {
         reserve(device, &mut self.pictures, all)?;
         reserve(device, &mut self.drawn, measured)?;
         reserve(device, &mut self.covered, measured)?;
-        let shapes = group.descent.windows.chunks(ROUND_DIRECTIONS).map(pixels).max().unwrap_or(0);
-        reserve(device, &mut self.values, (RESIDUALS * measured).max(3 * shapes))?;
+        let of_round = |windows: &[Window]| windows.chunks(ROUND_DIRECTIONS).map(pixels).max().unwrap_or(0);
+        let values = [RESIDUALS * of_round(&group.windows), 3 * of_round(&group.descent.windows), measured];
+        reserve(device, &mut self.values, values.into_iter().max().unwrap_or(0))?;
         let mut cmd = Commands::new(device)?;
         cmd.upload(&self.views, 0, views.len(), |memory| memory.copy_from_slice(&views))?;
         self.children.upload(&mut cmd, children, |_| false)?;
