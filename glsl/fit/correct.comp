@@ -2,8 +2,8 @@
 #include "shared/workgroup.glsl"
 // One invocation per node: moves its opacity and its colour towards the pictures of the children, as `correct` in
 // src/lod/fit.rs.
-// Before: `sums` of the views of a round. After: `nodes` and the limits in `states` have moved, and `used` counts from 0
-// again.
+// Before: `sums` of the views of a round. After: `nodes` and the limits in `states` have moved, and `used` counts again
+// from 0.
 
 #include "fit/numbers.glsl"
 #include "fit/node.glsl"

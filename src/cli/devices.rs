@@ -85,8 +85,8 @@ pub fn open_device(name: Option<String>, memory: Option<u64>) -> Result<Device> 
 /// The name that stands for the processor in place of a device.
 pub(super) const HOST: &str = "host";
 
-/// Opens the named device for work that the processor does, too; without a name that of the environment, or a GPU. `None`
-/// if the processor is named, or if none is named and no GPU can be opened: software devices are slower than the
+/// Opens the named device for work that the processor does, too; without a name that of the environment, or a GPU.
+/// `None` if the processor is named, or if none is named and no GPU can be opened: software devices are slower than the
 /// processor without them.
 pub(super) fn open_instead_of_host(name: Option<&str>) -> Result<Option<Device>> {
     if name == Some(HOST) {

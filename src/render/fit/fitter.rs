@@ -414,8 +414,8 @@ impl Stages {
         });
     }
 
-    /// Records the comparison of pictures and the sums over the pixels of each node, for the fit of opacities and colours
-    /// or for errors.
+    /// Records the comparison of pictures and the sums over the pixels of each node, for the fit of opacities and
+    /// colours or for errors.
     fn record_comparison(&self, cmd: &mut Commands, parts: &[GroupPart], measures: bool) {
         stage(cmd, "compare", parts, |cmd, (group, part)| {
             let Workspace { views, pictures: expected, drawn, covered, values, tiles, .. } = &group.workspace;
