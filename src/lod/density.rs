@@ -48,11 +48,22 @@ fn each(f: impl Fn(usize) -> f32) -> Each {
 
 /// Numbers of a density.
 const NUMBERS: usize = size_of::<Density>() / size_of::<f32>();
+/// A number of each of [`LANES`] densities, for instructions that work on all of them.
+type Lanes = [[f32; LANES]; NUMBERS];
+
+/// One of several densities.
+#[inline(always)]
+fn lane(numbers: &Lanes, i: usize) -> Density {
+    let mut one = [0.0; NUMBERS];
+    for k in 0..NUMBERS {
+        one[k] = numbers[k][i];
+    }
+    bytemuck::cast(one)
+}
 
 /// The costs of merges of a density with each of several. All versions make the same bits.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn costs(own: &Density, others: &[&Density; LANES]) -> [f32; LANES] {
-    // One instruction works on all of the others: their numbers are put side by side first.
     let (mut numbers, mut costs) = ([[0.0_f32; LANES]; NUMBERS], [0.0; LANES]);
     for (i, other) in others.iter().enumerate() {
         let own: &[f32; NUMBERS] = bytemuck::cast_ref(*other);
@@ -61,13 +72,56 @@ pub fn costs(own: &Density, others: &[&Density; LANES]) -> [f32; LANES] {
         }
     }
     for i in 0..LANES {
-        let mut other = [0.0; NUMBERS];
-        for k in 0..NUMBERS {
-            other[k] = numbers[k][i];
-        }
-        costs[i] = own.cost(bytemuck::cast_ref(&other));
+        costs[i] = own.cost(&lane(&numbers, i));
     }
     costs
+}
+
+/// Densities in an order, with each of their numbers in a row of its own.
+pub struct Table {
+    /// Row after row.
+    numbers: Vec<f32>,
+    count: usize,
+    /// Numbers of a row, with zeros behind the last density.
+    row: usize,
+}
+
+impl Table {
+    /// A table for distances of densities that are up to `apart` places apart.
+    pub fn new<'a>(densities: impl ExactSizeIterator<Item = &'a Density>, apart: usize) -> Self {
+        let count = densities.len();
+        let row = count + apart + LANES;
+        let mut numbers = vec![0.0; NUMBERS * row];
+        for (i, density) in densities.enumerate() {
+            let own: &[f32; NUMBERS] = bytemuck::cast_ref(density);
+            (0..NUMBERS).for_each(|k| numbers[k * row + i] = own[k]);
+        }
+        Self { numbers, count, row }
+    }
+
+    /// The distance of each density to the one that is `apart` places behind it, for all that have one.
+    pub fn distances(&self, apart: usize, distances: &mut Vec<f32>) {
+        let wanted = self.count.saturating_sub(apart);
+        distances.resize(wanted.next_multiple_of(LANES), 0.0);
+        fill_distances(&self.numbers, self.row, apart, distances);
+        distances.truncate(wanted);
+    }
+}
+
+/// All versions make the same bits.
+#[multiversion(targets("x86_64+avx2"))]
+fn fill_distances(numbers: &[f32], row: usize, apart: usize, distances: &mut [f32]) {
+    for (block, distances) in distances.chunks_exact_mut(LANES).enumerate() {
+        let (mut own, mut others) = ([[0.0_f32; LANES]; NUMBERS], [[0.0_f32; LANES]; NUMBERS]);
+        for k in 0..NUMBERS {
+            let at = k * row + block * LANES;
+            own[k].copy_from_slice(&numbers[at..at + LANES]);
+            others[k].copy_from_slice(&numbers[at + apart..at + apart + LANES]);
+        }
+        for i in 0..LANES {
+            distances[i] = lane(&own, i).distance(&lane(&others, i));
+        }
+    }
 }
 
 impl Density {
@@ -157,6 +211,7 @@ impl Density {
     }
 
     /// A fast estimate of the cost, to order candidates.
+    #[inline(always)]
     pub fn distance(&self, other: &Self) -> f32 {
         let apart: f32 = (0..3).map(|i| (self.mean[i] - other.mean[i]).powi(2)).sum();
         let size: f32 = (0..3).map(|i| self.var[i] + other.var[i]).sum();

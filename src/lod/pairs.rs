@@ -1,40 +1,56 @@
 //! Chooses the nodes to merge: the cheapest pair first. The costs of a merged node are computed anew.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
 use super::density::{Density, costs};
-use super::neighbours::neighbours;
+use super::neighbours::{CANDIDATES, neighbours};
 use super::raster::LANES;
 
-/// Candidates for a merge per node.
-const PARTNERS: usize = 8;
+const _: () = assert!(CANDIDATES == LANES, "all costs of a node are computed at once");
 
-/// A pair that may be merged. Ordered by its cost, then by its nodes, so that every run merges the same pairs.
-#[derive(PartialEq, Eq, PartialOrd, Ord)]
-struct Pair {
-    /// The bits of the cost, which is not negative.
-    cost: u32,
-    nodes: [u32; 2],
-    /// The version of each node that the cost was computed for.
-    versions: [u32; 2],
-}
-
-/// A candidate, and the cost of a merge with it.
+/// A candidate for a merge, and the cost of a merge with it.
 #[derive(Clone, Copy)]
-struct Partner {
+struct Candidate {
+    /// The node whose candidate it is stands for none.
     node: u32,
     /// The version of the candidate that the cost was computed for, or [`UNKNOWN`].
     version: u32,
-    /// The bits of the cost.
+    /// The bits of the cost, which is not negative.
     cost: u32,
 }
 
 const UNKNOWN: u32 = u32::MAX;
 
-impl Partner {
+impl Candidate {
     fn new(node: u32) -> Self {
         Self { node, version: UNKNOWN, cost: 0 }
+    }
+}
+
+/// The least of the costs of all nodes, kept in a binary tree.
+struct Costs {
+    /// The least of each subtree, from the root at 1: the bits of the cost above the number of the node.
+    least: Vec<u64>,
+}
+
+impl Costs {
+    const NONE: u64 = u64::MAX;
+
+    fn new(nodes: usize) -> Self {
+        Self { least: vec![Self::NONE; 2 * nodes.next_power_of_two()] }
+    }
+
+    fn set(&mut self, node: u32, cost: Option<u32>) {
+        let mut at = self.least.len() / 2 + node as usize;
+        self.least[at] = cost.map_or(Self::NONE, |cost| u64::from(cost) << 32 | u64::from(node));
+        while at > 1 {
+            at /= 2;
+            self.least[at] = self.least[2 * at].min(self.least[2 * at + 1]);
+        }
+    }
+
+    /// The node with the least cost, of several the first.
+    fn cheapest(&self) -> Option<u32> {
+        let least = self.least[1];
+        (least != Self::NONE).then_some(least as u32)
     }
 }
 
@@ -44,57 +60,49 @@ struct Merging {
     into: Vec<u32>,
     /// Number of merges into each node.
     versions: Vec<u32>,
-    partners: Vec<Vec<Partner>>,
-    pairs: BinaryHeap<Reverse<Pair>>,
-    /// Distances of candidates. The memory is used again.
-    keyed: Vec<(f32, u32)>,
+    candidates: Vec<[Candidate; CANDIDATES]>,
+    /// The candidate of each node with the least cost.
+    cheapest: Vec<Candidate>,
+    costs: Costs,
 }
 
 /// Merges nodes until `wanted` are left. Returns the node that each was merged into; itself if it is left.
 pub fn merged(densities: Vec<Density>, wanted: usize) -> Vec<u32> {
     let count = densities.len();
     let mut merging = Merging {
-        partners: vec![Vec::new(); count],
         densities,
         into: (0..count as u32).collect(),
         versions: vec![0; count],
-        pairs: BinaryHeap::with_capacity(2 * count),
-        keyed: Vec::new(),
+        candidates: vec![[Candidate::new(0); CANDIDATES]; count],
+        cheapest: vec![Candidate::new(0); count],
+        costs: Costs::new(count),
     };
     let mut left = count;
     while left > wanted.max(1) {
-        let Some(Reverse(pair)) = merging.pairs.pop() else {
+        let Some(own) = merging.costs.cheapest() else {
             // Initially, and once all candidates of the remaining nodes are used up.
             merging.find_neighbours();
             continue;
         };
-        let [own, other] = pair.nodes;
-        if merging.into[own as usize] != own || merging.versions[own as usize] != pair.versions[0] {
-            continue;
-        }
-        if merging.root(other) != other || merging.versions[other as usize] != pair.versions[1] {
+        let other = merging.cheapest[own as usize];
+        if merging.root(other.node) == other.node && merging.versions[other.node as usize] == other.version {
+            merging.merge(own, other.node);
+            left -= 1;
+        } else {
             merging.pair(own);
-            continue;
         }
-        merging.merge(own, other);
-        left -= 1;
     }
     (0..count as u32).map(|node| merging.root(node)).collect()
 }
 
 impl Merging {
-    /// Finds the candidates of all remaining nodes, and queues the cheapest pair of each.
+    /// Finds the candidates of all remaining nodes, and the cheapest of each.
     fn find_neighbours(&mut self) {
         let left: Vec<u32> = (0..self.into.len() as u32).filter(|node| self.into[*node as usize] == *node).collect();
-        let mean = |node: &u32| self.densities[*node as usize].mean();
-        let means: Vec<[f32; 3]> = left.iter().map(mean).collect();
-        for (node, partners) in left.iter().zip(neighbours(&means)) {
-            self.partners[*node as usize] =
-                partners.into_iter().map(|other| Partner::new(left[other as usize])).collect();
-        }
-        for node in left {
-            self.keep_nearest(node);
-            self.pair(node);
+        let densities: Vec<Density> = left.iter().map(|node| self.densities[*node as usize]).collect();
+        for (node, near) in left.iter().zip(neighbours(&densities)) {
+            self.candidates[*node as usize] = near.map(|other| Candidate::new(left[other as usize]));
+            self.pair(*node);
         }
     }
 
@@ -110,72 +118,52 @@ impl Merging {
         root
     }
 
-    /// Takes the candidates of a node, each replaced by the node that it was merged into, without duplicates.
-    fn take_partners(&mut self, own: u32) -> Vec<Partner> {
-        let mut partners = std::mem::take(&mut self.partners[own as usize]);
-        for partner in &mut partners {
-            let root = self.root(partner.node);
-            if root != partner.node {
-                *partner = Partner::new(root);
-            }
-        }
-        partners.sort_unstable_by_key(|partner| partner.node);
-        partners.dedup_by_key(|partner| partner.node);
-        partners.retain(|partner| partner.node != own);
-        partners
-    }
-
-    fn keep_nearest(&mut self, node: u32) {
-        let mut partners = std::mem::take(&mut self.partners[node as usize]);
-        if partners.len() > PARTNERS {
-            let (own, keyed) = (&self.densities[node as usize], &mut self.keyed);
-            let distance = |other: u32| own.distance(&self.densities[other as usize]);
-            keyed.clear();
-            keyed.extend(partners.drain(..).map(|other| (distance(other.node), other.node)));
-            keyed.select_nth_unstable_by(PARTNERS, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            partners.extend(keyed[..PARTNERS].iter().map(|(_, other)| Partner::new(*other)));
-            partners.sort_unstable_by_key(|partner| partner.node);
-        }
-        self.partners[node as usize] = partners;
-    }
-
-    /// Queues the cheapest pair of a node.
+    /// Chooses the cheapest candidate of a node, each replaced by the node that it was merged into.
     fn pair(&mut self, own: u32) {
-        let mut partners = self.take_partners(own);
-        let density = |node: u32| &self.densities[node as usize];
-        // Costs of unchanged nodes stay valid.
-        let mut changed = partners.iter_mut().filter(|partner| partner.version != self.versions[partner.node as usize]);
-        loop {
-            let some: [Option<&mut Partner>; LANES] = std::array::from_fn(|_| changed.next());
-            if some[0].is_none() {
-                break;
-            }
-            let others = some.each_ref().map(|one| density(one.as_ref().map_or(own, |partner| partner.node)));
-            let costs = costs(density(own), &others);
-            for (partner, cost) in some.into_iter().flatten().zip(costs) {
-                (partner.version, partner.cost) = (self.versions[partner.node as usize], cost.to_bits());
+        let mut candidates = self.candidates[own as usize];
+        for i in 0..CANDIDATES {
+            let root = self.root(candidates[i].node);
+            if root != candidates[i].node {
+                let is_known = candidates.iter().any(|candidate| candidate.node == root);
+                candidates[i] = Candidate::new(if is_known { own } else { root });
             }
         }
-        if let Some(Partner { node, version, cost }) =
-            partners.iter().min_by_key(|partner| (partner.cost, partner.node))
-        {
-            let versions = [self.versions[own as usize], *version];
-            self.pairs.push(Reverse(Pair { cost: *cost, nodes: [own, *node], versions }));
+        let is_changed = |candidate: &Candidate| candidate.version != self.versions[candidate.node as usize];
+        if candidates.iter().any(is_changed) {
+            let others = candidates.each_ref().map(|candidate| &self.densities[candidate.node as usize]);
+            for (candidate, cost) in candidates.iter_mut().zip(costs(&self.densities[own as usize], &others)) {
+                (candidate.version, candidate.cost) = (self.versions[candidate.node as usize], cost.to_bits());
+            }
         }
-        self.partners[own as usize] = partners;
+        let others = candidates.iter().filter(|candidate| candidate.node != own);
+        let cheapest = others.min_by_key(|candidate| (candidate.cost, candidate.node));
+        self.cheapest[own as usize] = cheapest.copied().unwrap_or(Candidate::new(own));
+        self.costs.set(own, cheapest.map(|candidate| candidate.cost));
+        self.candidates[own as usize] = candidates;
     }
 
     fn merge(&mut self, own: u32, other: u32) {
         self.densities[own as usize] = self.densities[own as usize].merged(&self.densities[other as usize]);
         self.into[other as usize] = own;
         self.versions[own as usize] += 1;
-        let theirs = std::mem::take(&mut self.partners[other as usize]);
-        let partners = &mut self.partners[own as usize];
-        partners.extend(theirs);
-        // The costs were those of the two nodes before the merge.
-        partners.iter_mut().for_each(|partner| *partner = Partner::new(partner.node));
-        self.partners[own as usize] = self.take_partners(own);
-        self.keep_nearest(own);
+        self.costs.set(other, None);
+        let both = [own, other].map(|node| self.candidates[node as usize]);
+        let mut near = [(f32::INFINITY, own); 2 * CANDIDATES];
+        let mut count = 0;
+        for candidate in both.as_flattened() {
+            let node = self.root(candidate.node);
+            if node != own && near[..count].iter().all(|(_, known)| *known != node) {
+                near[count].1 = node;
+                count += 1;
+            }
+        }
+        if count > CANDIDATES {
+            for (distance, node) in &mut near[..count] {
+                *distance = self.densities[own as usize].distance(&self.densities[*node as usize]);
+            }
+            near[..count].select_nth_unstable_by(CANDIDATES, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        }
+        self.candidates[own as usize] = std::array::from_fn(|i| Candidate::new(near[i].1));
         self.pair(own);
     }
 }
