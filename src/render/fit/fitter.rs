@@ -4,7 +4,8 @@
 use std::collections::VecDeque;
 use std::iter::once;
 use std::mem::{forget, replace, take};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 
@@ -33,9 +34,7 @@ pub struct DeviceFitter {
     stages: Stages,
     idle: Mutex<Idle>,
     freed: Condvar,
-    waiting: Mutex<Vec<Waiting>>,
-    /// Held by the thread that submits groups.
-    turn: Mutex<()>,
+    queue: Mutex<Queue>,
     /// Why groups were left to the host, by the first of them.
     failure: Mutex<Option<Error>>,
 }
@@ -47,12 +46,37 @@ struct Idle {
     made: usize,
 }
 
+/// Groups that wait.
+#[derive(Default)]
+struct Queue {
+    waiting: Vec<Waiting>,
+    /// A thread submits groups.
+    is_led: bool,
+}
+
 /// A group that waits, and the upload of its nodes.
 struct Waiting {
     workspace: Workspace,
     plan: Plan,
     upload: InFlight,
-    finished: Arc<Mutex<Option<Finished>>>,
+    news: SyncSender<News>,
+}
+
+/// What the thread of a waiting group learns.
+enum News {
+    /// This thread submits all groups that wait.
+    Lead,
+    Finished(Box<Finished>),
+}
+
+/// The right to submit groups. Dropped, it goes to the thread of a group that waits.
+struct Turn<'f>(&'f Mutex<Queue>);
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        let mut queue = locked(self.0);
+        queue.is_led = queue.waiting.first().is_some_and(|first| first.news.send(News::Lead).is_ok());
+    }
 }
 
 impl Waiting {
@@ -112,8 +136,7 @@ impl DeviceFitter {
             stages: Stages::new(device)?,
             idle: Mutex::default(),
             freed: Condvar::new(),
-            waiting: Mutex::default(),
-            turn: Mutex::default(),
+            queue: Mutex::default(),
             failure: Mutex::default(),
         };
         let [found, expected] = [Some(&fitter as &dyn Fitter), None]
@@ -191,18 +214,24 @@ impl DeviceFitter {
         }
     }
 
-    /// Runs a group, and those that wait with it, unless another thread has done so. `None` if that thread has
-    /// panicked.
+    /// Runs a group together with those that wait. `None` if the thread that submitted it has panicked.
     fn run(&self, workspace: Workspace, plan: Plan, upload: InFlight) -> Option<Finished> {
-        let finished = Arc::default();
-        locked(&self.waiting).push(Waiting { workspace, plan, upload, finished: Arc::clone(&finished) });
-        let turn = locked(&self.turn);
-        if locked(&finished).is_none() {
-            let groups = take(&mut *locked(&self.waiting));
-            self.run_together(groups);
+        // A group is told to lead once at most, and then what was found.
+        let (news, received) = sync_channel(2);
+        let mut queue = locked(&self.queue);
+        queue.waiting.push(Waiting { workspace, plan, upload, news });
+        let mut turn = (!replace(&mut queue.is_led, true)).then(|| Turn(&self.queue));
+        drop(queue);
+        loop {
+            if let Some(_turn) = turn.take() {
+                let groups = take(&mut locked(&self.queue).waiting);
+                self.run_together(groups);
+            }
+            match received.recv().ok()? {
+                News::Lead => turn = Some(Turn(&self.queue)),
+                News::Finished(finished) => return Some(*finished),
+            }
         }
-        drop(turn);
-        locked(&finished).take()
     }
 
     fn run_together(&self, groups: Vec<Waiting>) {
@@ -213,11 +242,12 @@ impl DeviceFitter {
                 once(Err(error)).chain(copies).collect()
             }
         };
-        for Waiting { workspace, upload, finished, .. } in groups {
+        for Waiting { workspace, upload, news, .. } in groups {
             // This waits if the submission has failed.
             drop(upload);
             let found = found.pop_front().expect("each group has a result");
-            *locked(&finished) = Some((workspace, found));
+            // The thread of the group waits for it.
+            _ = news.send(News::Finished(Box::new((workspace, found))));
         }
     }
 
