@@ -33,7 +33,7 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
         check_count(of)?;
         let writer = writer.get_or_insert_with(|| OrderedWriter::new(job, known.as_ref(), of, block.sh_degree()));
         writer.add(&file, block).map_err(|error| error.context(format!("cannot write {}", job.output.display())))?;
-        let done = writer.statistics.added() as f64 / of as f64;
+        let done = writer.added as f64 / of as f64;
         job.report(if known.is_some() { 0.5 + 0.5 * done } else { done });
         anyhow::Ok(())
     };
@@ -48,7 +48,8 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
         added.and(made)
     })?;
     let Some(mut writer) = writer else { bail!("there are no Gaussians") };
-    let statistics = job.statistics(writer.end(&file)?);
+    writer.end(&file)?;
+    let statistics = known.unwrap_or_else(|| job.statistics(writer.statistics.finish()));
     let mut layout = job.layout(&statistics);
     // Coefficients of degrees that turned out to be 0 are stored, too.
     layout.sh_degree = writer.layout.sh_degree;
@@ -64,29 +65,37 @@ struct OrderedWriter {
     alpha_min: f32,
     /// Most pages.
     pages: usize,
+    /// Of Gaussians that were added, unless those of the scene were known before.
     statistics: Accumulator,
+    is_known: bool,
+    /// Gaussians of the scene, as announced.
+    count: usize,
+    added: usize,
     written: usize,
     /// The Gaussians after the last whole page, and their indices in the scene.
     rest: Option<(Gaussians, Vec<u32>)>,
 }
 
 impl OrderedWriter {
-    fn new(job: &Job, known: Option<&Statistics>, of: usize, sh_degree: u32) -> Self {
+    fn new(job: &Job, known: Option<&Statistics>, count: usize, sh_degree: u32) -> Self {
         let Settings { options, has_levels, .. } = &job.settings;
-        let statistics = Accumulator::new(of, sh_degree);
+        let statistics = Accumulator::new(count, sh_degree);
         let layout = match known {
             Some(known) => job.layout(known),
             None => Layout::plain(sh_degree.min(options.sh_degree)),
         };
-        let (alpha_min, scene_pages) = (options.rules.alpha_min, of.div_ceil(PAGE));
-        let pages = scene_pages + if *has_levels { inner_pages(of) } else { 0 };
-        Self { layout, alpha_min, pages, statistics, written: 0, rest: None }
+        let (alpha_min, scene_pages) = (options.rules.alpha_min, count.div_ceil(PAGE));
+        let pages = scene_pages + if *has_levels { inner_pages(count) } else { 0 };
+        let is_known = known.is_some();
+        Self { layout, alpha_min, pages, statistics, is_known, count, added: 0, written: 0, rest: None }
     }
 
     fn add(&mut self, file: &File, block: Gaussians) -> Result<()> {
-        let first = self.statistics.added();
-        self.statistics.add(&block);
-        let own = first as u32..(first + block.len()) as u32;
+        if !self.is_known {
+            self.statistics.add(&block);
+        }
+        let own = self.added as u32..(self.added + block.len()) as u32;
+        self.added += block.len();
         let (gaussians, ids) = match self.rest.take() {
             Some((rest, mut ids)) => {
                 ids.extend(own);
@@ -115,13 +124,12 @@ impl OrderedWriter {
     }
 
     /// Writes the last Gaussians.
-    fn end(&mut self, file: &File) -> Result<Statistics> {
+    fn end(&mut self, file: &File) -> Result<()> {
         if let Some((gaussians, ids)) = self.rest.take() {
             let order = along_curve(gaussians.means());
             self.write(file, &gaussians, &order, &ids)?;
         }
-        ensure!(self.statistics.is_complete(), "the source has another number of Gaussians than announced");
-        let empty = Accumulator::new(0, 0);
-        Ok(std::mem::replace(&mut self.statistics, empty).finish())
+        ensure!(self.added == self.count, "the source has another number of Gaussians than announced");
+        Ok(())
     }
 }
