@@ -42,13 +42,15 @@ pub fn parent(nodes: &Nodes, members: &[u32]) -> (Node, Vec<[f32; 3]>) {
     (node, sh.iter().map(|value| value.map(|v| v as f32)).collect())
 }
 
-/// Standard deviations and the rotation to the axes of a covariance, by Jacobi's method.
+/// Standard deviations and the rotation to the axes of a covariance, by Jacobi's method (Golub and Van Loan, Matrix
+/// Computations, 8.5).
 fn half_axes(covariance: DMat3) -> ([f64; 3], DQuat) {
-    let (mut m, mut axes) = (covariance, DMat3::IDENTITY);
+    let mut m = covariance.to_cols_array_2d();
+    let mut axes = [DVec3::X, DVec3::Y, DVec3::Z];
     for _ in 0..12 {
-        for (p, q) in [(0, 1), (1, 2), (0, 2)] {
-            let (off, apart) = (m.col(p)[q], m.col(q)[q] - m.col(p)[p]);
-            if off.abs() <= 1e-18 * (m.col(p)[p].abs() + m.col(q)[q].abs()) {
+        for (p, q, r) in [(0, 1, 2), (1, 2, 0), (0, 2, 1)] {
+            let (off, apart) = (m[p][q], m[q][q] - m[p][p]);
+            if off.abs() <= 1e-18 * (m[p][p].abs() + m[q][q].abs()) {
                 continue;
             }
             // The smaller of the two angles that make this entry 0.
@@ -56,19 +58,20 @@ fn half_axes(covariance: DMat3) -> ([f64; 3], DQuat) {
                 * if apart < 0.0 { -1.0 } else { 1.0 };
             let c = 1.0 / (1.0 + t * t).sqrt();
             let s = t * c;
-            let mut turn = DMat3::IDENTITY;
-            turn.col_mut(p)[p] = c;
-            turn.col_mut(q)[q] = c;
-            turn.col_mut(q)[p] = s;
-            turn.col_mut(p)[q] = -s;
-            m = turn.transpose() * m * turn;
-            axes *= turn;
+            m[p][p] -= t * off;
+            m[q][q] += t * off;
+            let (u, v) = (c * m[p][r] - s * m[q][r], s * m[p][r] + c * m[q][r]);
+            (m[p][q], m[q][p]) = (0.0, 0.0);
+            (m[p][r], m[r][p]) = (u, u);
+            (m[q][r], m[r][q]) = (v, v);
+            (axes[p], axes[q]) = (axes[p] * c - axes[q] * s, axes[p] * s + axes[q] * c);
         }
     }
+    let mut axes = DMat3::from_cols(axes[0], axes[1], axes[2]);
     if axes.determinant() < 0.0 {
         axes.z_axis = -axes.z_axis;
     }
-    let scale = [0, 1, 2].map(|i| m.col(i)[i].max(0.0).sqrt());
+    let scale = [0, 1, 2].map(|i| m[i][i].max(0.0).sqrt());
     (scale, DQuat::from_mat3(&axes).normalize())
 }
 

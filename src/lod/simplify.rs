@@ -1,7 +1,5 @@
 //! Simplifies a group of neighbouring nodes to fewer parents.
 
-use std::collections::BTreeMap;
-
 use super::density::Density;
 use super::fit::{FitOptions, fit};
 use super::merge::parent;
@@ -28,13 +26,13 @@ const BLUR: f32 = 0.05;
 /// `reference_width`: of the children.
 pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32, fit_options: FitOptions) -> Simplified {
     let into = merged(densities(children), wanted);
-    let mut members_of_root: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-    for (child, root) in into.iter().enumerate() {
-        members_of_root.entry(*root).or_default().push(child as u32);
-    }
+    // The children, parent by parent.
+    let mut members: Vec<u32> = (0..into.len() as u32).collect();
+    members.sort_by_key(|child| into[*child as usize]);
+    let members_of_parent: Vec<&[u32]> = members.chunk_by(|a, b| into[*a as usize] == into[*b as usize]).collect();
     let mut nodes = Nodes::new(children.sh_degree);
-    for members in members_of_root.values() {
-        match members[..] {
+    for members in &members_of_parent {
+        match **members {
             [only] => nodes.push(children.nodes[only as usize], children.sh(only as usize)),
             _ => {
                 let (node, sh) = parent(children, members);
@@ -42,10 +40,9 @@ pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32, fit_optio
             }
         }
     }
-    let is_new: Vec<bool> = members_of_root.values().map(|members| members.len() > 1).collect();
+    let is_new: Vec<bool> = members_of_parent.iter().map(|members| members.len() > 1).collect();
     let residual = fit(children, &mut nodes, &is_new, fit_options);
-    for ((node, members), squared_error) in
-        nodes.nodes.iter_mut().zip(members_of_root.values()).zip(residual.squared_errors)
+    for ((node, members), squared_error) in nodes.nodes.iter_mut().zip(&members_of_parent).zip(residual.squared_errors)
     {
         let saved = members.len() - 1;
         if saved > 0 {
@@ -64,7 +61,7 @@ pub fn simplify(children: &Nodes, wanted: usize, reference_width: f32, fit_optio
     let mut position = vec![0; order.len()];
     order.iter().enumerate().for_each(|(new, old)| position[*old as usize] = new as u32);
     let mut parent_of_child = vec![0; children.len()];
-    for (number, members) in members_of_root.values().enumerate() {
+    for (number, members) in members_of_parent.iter().enumerate() {
         members.iter().for_each(|child| parent_of_child[*child as usize] = position[number]);
     }
     Simplified { nodes: nodes.selected(&order), parent_of_child, reference_width: residual.reference_width as f32 }
