@@ -1,7 +1,11 @@
 //! Writes page files from a scene in memory, or from one that is read in blocks.
 
+use std::fs::File;
+use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
@@ -43,6 +47,9 @@ impl Default for Settings {
         Self { options: Self::LOSSLESS, memory: 2 << 30, has_levels: false, fit_rounds: 0 }
     }
 }
+
+/// Time between two writes to the disk while levels are made.
+const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
 /// The least memory in which pages are sorted.
 pub const LEAST_MEMORY: usize = 1 << 20;
@@ -194,15 +201,35 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
         };
         // Some threads wait for the device.
         let more_threads = || threads::pool(rayon::current_num_threads() * 3 / 2).ok();
-        let built = match job.fitter.and_then(|_| more_threads()) {
+        let built = while_syncing(&file, || match job.fitter.and_then(|_| more_threads()) {
             Some(pool) => pool.install(build_levels),
             None => build_levels(),
-        };
+        });
         built.with_context(|| format!("cannot write the levels of {}", job.output.display()))?;
         resumed = groups.map_or(0, |groups| groups.found.load(Ordering::Relaxed));
     }
     complete(checkpoint, &output, header)?;
     Ok(resumed)
+}
+
+/// Runs `work` while another thread has the system write to the disk what `file` holds so far, so that less is left for
+/// the end.
+fn while_syncing(file: &File, work: impl FnOnce() -> Result<()>) -> Result<()> {
+    threads::scope(|threads| {
+        let (working, until_done) = mpsc::channel::<()>();
+        let syncing = threads.spawn(move || {
+            while until_done.recv_timeout(SYNC_INTERVAL) == Err(RecvTimeoutError::Timeout) {
+                file.sync_data()?;
+            }
+            io::Result::Ok(())
+        })?;
+        let done = work();
+        drop(working);
+        // The system reports a failed write to the disk only once.
+        let synced = joined(syncing);
+        done?;
+        Ok(synced?)
+    })
 }
 
 /// Gives the output its name, once all pages are written.
