@@ -6,6 +6,7 @@
 
 mod arrays;
 mod fast;
+mod fit;
 mod marks;
 
 use std::cell::RefCell;
@@ -77,6 +78,7 @@ fn main() -> Result<()> {
             run(&mut criterion, &device, bench, &mut rows)?;
         }
     }
+    fit::run(&mut criterion, &device, 4096 / scale as usize, &mut rows)?;
     criterion.final_summary();
     println!("\n{}, copies at {copy_gb_s:.0} GB/s", device.capabilities().name);
     println!("{:<10} {:<32} {:>10} {:>8} {:>16}", "stage", "input", "us", "GB/s", "of a copy's speed");
@@ -98,12 +100,23 @@ fn run(criterion: &mut Criterion, device: &Device, bench: Bench, rows: &mut Vec<
         let results = cmd.submit()?.wait()?;
         Ok(results.timings().first().context("the stage was not timed")?.duration_ms)
     };
+    time(criterion, (bench.stage, bench.input, bench.bytes), &once, rows)
+}
+
+/// Measures a stage with this input, which moves so many bytes at least. `once` runs the stage, and returns its time in
+/// milliseconds.
+fn time(
+    criterion: &mut Criterion,
+    (stage, input, bytes): (&'static str, String, u64),
+    once: &dyn Fn() -> Result<f64>,
+    rows: &mut Vec<Row>,
+) -> Result<()> {
     // What cannot run at all fails here, with its reason.
     Protocol { warmup: 1, frames: 1 }.warm_up(1, WarmUpLimits::BRIEF, |_| once())?;
     let times = RefCell::new(Vec::new());
-    let mut group = criterion.benchmark_group(bench.stage);
-    group.throughput(Throughput::Bytes(bench.bytes));
-    group.bench_function(BenchmarkId::from_parameter(&bench.input), |bencher| {
+    let mut group = criterion.benchmark_group(stage);
+    group.throughput(Throughput::Bytes(bytes));
+    group.bench_function(BenchmarkId::from_parameter(&input), |bencher| {
         bencher.iter_custom(|iterations| {
             let ms: f64 = (0..iterations)
                 .map(|_| {
@@ -118,7 +131,7 @@ fn run(criterion: &mut Criterion, device: &Device, bench: Bench, rows: &mut Vec<
     group.finish();
     let times = times.into_inner();
     if !times.is_empty() {
-        rows.push((bench.stage, bench.input, bench.bytes, Statistics::of(times).median));
+        rows.push((stage, input, bytes, Statistics::of(times).median));
     }
     Ok(())
 }

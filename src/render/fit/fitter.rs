@@ -1,7 +1,7 @@
 //! Fits groups of nodes. Groups that wait at the same time are fitted together, so that the device has work for all of
 //! its processors.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::iter::once;
 use std::mem::{forget, replace, take};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -10,7 +10,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use anyhow::{Context, Error, Result, anyhow, ensure};
 
 use super::workspace::{Drawn, Part, Plan, Workspace, tiles_of};
-use crate::gpu::{Access, Commands, Device, DispatchSize, Feature, InFlight, Stage};
+use crate::gpu::{Access, Commands, Device, DispatchSize, Feature, InFlight, Results, Stage};
 use crate::lod::{
     CLAMPED, COLOUR_ROUNDS, FitOptions, Fitter, Group, LEAST, LEAST_ALPHA, LEAST_COVERED, LEAST_GRADIENT, MOST_CHANGE,
     MOST_DEVIATIONS, MOST_FACTOR, Measured, Node, Nodes, PER_ALPHA_MIN, REPLACED, VIEWS, simplify, total,
@@ -37,6 +37,7 @@ pub struct DeviceFitter {
     queue: Mutex<Queue>,
     /// Why groups were left to the host, by the first of them.
     failure: Mutex<Option<Error>>,
+    times_ms: Mutex<BTreeMap<&'static str, f64>>,
 }
 
 #[derive(Default)]
@@ -138,6 +139,7 @@ impl DeviceFitter {
             freed: Condvar::new(),
             queue: Mutex::default(),
             failure: Mutex::default(),
+            times_ms: Mutex::default(),
         };
         let [found, expected] = [Some(&fitter as &dyn Fitter), None]
             .map(|fitter| simplify(&sample(), SAMPLE / 2, 0.0, FitOptions { shape_rounds: 2, fitter }));
@@ -151,6 +153,11 @@ impl DeviceFitter {
     /// Why a group was left to the host, if one was since the last call.
     pub fn take_failure(&self) -> Option<Error> {
         locked(&self.failure).take()
+    }
+
+    /// The GPU time of each stage since the last call, milliseconds.
+    pub fn take_times(&self) -> BTreeMap<&'static str, f64> {
+        take(&mut locked(&self.times_ms))
     }
 
     fn take_workspace(&self) -> Result<(Workspace, Lent<'_>)> {
@@ -274,6 +281,12 @@ impl DeviceFitter {
             read.push((used, cmd.read(&parents.nodes)?, cmd.read(sums)?, cmd.read(tiles)?));
         }
         let results = cmd.submit()?.wait()?;
+        let earlier = earlier.into_iter().map(InFlight::wait).collect::<Result<Vec<_>>>()?;
+        let mut times_ms = locked(&self.times_ms);
+        for timing in earlier.iter().chain([&results]).flat_map(Results::timings) {
+            *times_ms.entry(timing.name).or_default() += timing.duration_ms;
+        }
+        drop(times_ms);
         let found = read.iter().zip(groups).map(|((used, nodes, parts, tiles), Waiting { plan, .. })| {
             let has_all = used.iter().all(|used| results.view(used)[0].is_full == 0);
             has_all.then(|| Found {
