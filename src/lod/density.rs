@@ -71,8 +71,8 @@ pub fn costs(own: &Density, others: &[&Density; LANES]) -> [f32; LANES] {
             numbers[k][i] = own[k];
         }
     }
-    for i in 0..LANES {
-        costs[i] = own.cost(&lane(&numbers, i));
+    for (i, cost) in costs.iter_mut().enumerate() {
+        *cost = own.cost(&lane(&numbers, i));
     }
     costs
 }
@@ -118,8 +118,8 @@ fn fill_distances(numbers: &[f32], row: usize, apart: usize, distances: &mut [f3
             own[k].copy_from_slice(&numbers[at..at + LANES]);
             others[k].copy_from_slice(&numbers[at + apart..at + apart + LANES]);
         }
-        for i in 0..LANES {
-            distances[i] = lane(&own, i).distance(&lane(&others, i));
+        for (i, distance) in distances.iter_mut().enumerate() {
+            *distance = lane(&own, i).distance(&lane(&others, i));
         }
     }
 }
