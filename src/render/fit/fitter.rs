@@ -60,11 +60,11 @@ struct Waiting {
     workspace: Workspace,
     plan: Plan,
     upload: InFlight,
-    news: SyncSender<News>,
+    messages: SyncSender<Message>,
 }
 
 /// What the thread of a waiting group learns.
-enum News {
+enum Message {
     /// This thread submits all groups that wait.
     Lead,
     Finished(Box<Finished>),
@@ -76,7 +76,7 @@ struct Turn<'f>(&'f Mutex<Queue>);
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
         let mut queue = locked(self.0);
-        queue.is_led = queue.waiting.first().is_some_and(|first| first.news.send(News::Lead).is_ok());
+        queue.is_led = queue.waiting.first().is_some_and(|first| first.messages.send(Message::Lead).is_ok());
     }
 }
 
@@ -224,9 +224,9 @@ impl DeviceFitter {
     /// Runs a group together with those that wait. `None` if the thread that submitted it has panicked.
     fn run(&self, workspace: Workspace, plan: Plan, upload: InFlight) -> Option<Finished> {
         // A group is told to lead once at most, and then what was found.
-        let (news, received) = sync_channel(2);
+        let (messages, received) = sync_channel(2);
         let mut queue = locked(&self.queue);
-        queue.waiting.push(Waiting { workspace, plan, upload, news });
+        queue.waiting.push(Waiting { workspace, plan, upload, messages });
         let mut turn = (!replace(&mut queue.is_led, true)).then(|| Turn(&self.queue));
         drop(queue);
         loop {
@@ -235,8 +235,8 @@ impl DeviceFitter {
                 self.run_together(groups);
             }
             match received.recv().ok()? {
-                News::Lead => turn = Some(Turn(&self.queue)),
-                News::Finished(finished) => return Some(*finished),
+                Message::Lead => turn = Some(Turn(&self.queue)),
+                Message::Finished(finished) => return Some(*finished),
             }
         }
     }
@@ -249,12 +249,12 @@ impl DeviceFitter {
                 once(Err(error)).chain(copies).collect()
             }
         };
-        for Waiting { workspace, upload, news, .. } in groups {
+        for Waiting { workspace, upload, messages, .. } in groups {
             // This waits if the submission has failed.
             drop(upload);
             let found = found.pop_front().expect("each group has a result");
             // The thread of the group waits for it.
-            _ = news.send(News::Finished(Box::new((workspace, found))));
+            _ = messages.send(Message::Finished(Box::new((workspace, found))));
         }
     }
 
