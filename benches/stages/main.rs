@@ -2,7 +2,7 @@
 //! name to run only some.
 //!
 //! Times are between timestamps on the GPU. A row's limit is the time in which a copy, measured on the same device in
-//! the same run, moves the fewest bytes that the stage can do with.
+//! the same run, moves the fewest bytes that the stage can do with; the stages of the fit, which compute, have none.
 
 mod arrays;
 mod fast;
@@ -83,15 +83,16 @@ fn main() -> Result<()> {
     println!("\n{}, copies at {copy_gb_s:.0} GB/s", device.capabilities().name);
     println!("{:<10} {:<32} {:>10} {:>8} {:>16}", "stage", "input", "us", "GB/s", "of a copy's speed");
     for (stage, input, bytes, ms) in rows {
-        let gb_s = bytes as f64 / (ms * 1e6);
-        let percent = format!("{:.0} %", gb_s / copy_gb_s * 100.0);
-        println!("{stage:<10} {input:<32} {:>10.1} {gb_s:>8.1} {percent:>16}", ms * 1e3);
+        let speed = bytes.map(|bytes| bytes as f64 / (ms * 1e6));
+        let [gb_s, percent] = speed
+            .map_or_else(Default::default, |gb_s| [format!("{gb_s:.1}"), format!("{:.0} %", gb_s / copy_gb_s * 100.0)]);
+        println!("{stage:<10} {input:<32} {:>10.1} {gb_s:>8} {percent:>16}", ms * 1e3);
     }
     Ok(())
 }
 
-/// Stage, input, bytes, and median time in milliseconds.
-type Row = (&'static str, String, u64, f64);
+/// Stage, input, the least bytes that it moves, and median time in milliseconds.
+type Row = (&'static str, String, Option<u64>, f64);
 
 fn run(criterion: &mut Criterion, device: &Device, bench: Bench, rows: &mut Vec<Row>) -> Result<()> {
     let once = || -> Result<f64> {
@@ -100,14 +101,14 @@ fn run(criterion: &mut Criterion, device: &Device, bench: Bench, rows: &mut Vec<
         let results = cmd.submit()?.wait()?;
         Ok(results.timings().first().context("the stage was not timed")?.duration_ms)
     };
-    time(criterion, (bench.stage, bench.input, bench.bytes), &once, rows)
+    time(criterion, (bench.stage, bench.input, Some(bench.bytes)), &once, rows)
 }
 
-/// Measures a stage with this input, which moves so many bytes at least. `once` runs the stage, and returns its time in
+/// Measures a stage with this input. `once` runs the stage, and returns its time in
 /// milliseconds.
 fn time(
     criterion: &mut Criterion,
-    (stage, input, bytes): (&'static str, String, u64),
+    (stage, input, bytes): (&'static str, String, Option<u64>),
     once: &dyn Fn() -> Result<f64>,
     rows: &mut Vec<Row>,
 ) -> Result<()> {
@@ -115,7 +116,9 @@ fn time(
     Protocol { warmup: 1, frames: 1 }.warm_up(1, WarmUpLimits::BRIEF, |_| once())?;
     let times = RefCell::new(Vec::new());
     let mut group = criterion.benchmark_group(stage);
-    group.throughput(Throughput::Bytes(bytes));
+    if let Some(bytes) = bytes {
+        group.throughput(Throughput::Bytes(bytes));
+    }
     group.bench_function(BenchmarkId::from_parameter(&input), |bencher| {
         bencher.iter_custom(|iterations| {
             let ms: f64 = (0..iterations)

@@ -66,9 +66,9 @@ fn lane(numbers: &Lanes, i: usize) -> Density {
 pub fn costs(own: &Density, others: &[&Density; LANES]) -> [f32; LANES] {
     let (mut numbers, mut costs) = ([[0.0_f32; LANES]; NUMBERS], [0.0; LANES]);
     for (i, other) in others.iter().enumerate() {
-        let own: &[f32; NUMBERS] = bytemuck::cast_ref(*other);
+        let other: &[f32; NUMBERS] = bytemuck::cast_ref(*other);
         for k in 0..NUMBERS {
-            numbers[k][i] = own[k];
+            numbers[k][i] = other[k];
         }
     }
     for (i, cost) in costs.iter_mut().enumerate() {
@@ -82,41 +82,40 @@ pub struct Table {
     /// Row after row.
     numbers: Vec<f32>,
     count: usize,
-    /// Numbers of a row, with zeros behind the last density.
+    /// Numbers of a row, with zeros after the last density.
     row: usize,
 }
 
 impl Table {
-    /// A table for distances of densities that are up to `apart` places apart.
-    pub fn new<'a>(densities: impl ExactSizeIterator<Item = &'a Density>, apart: usize) -> Self {
+    pub fn new<'a>(densities: impl ExactSizeIterator<Item = &'a Density>) -> Self {
         let count = densities.len();
-        let row = count + apart + LANES;
+        let row = count + LANES;
         let mut numbers = vec![0.0; NUMBERS * row];
         for (i, density) in densities.enumerate() {
-            let own: &[f32; NUMBERS] = bytemuck::cast_ref(density);
-            (0..NUMBERS).for_each(|k| numbers[k * row + i] = own[k]);
+            let one: &[f32; NUMBERS] = bytemuck::cast_ref(density);
+            (0..NUMBERS).for_each(|k| numbers[k * row + i] = one[k]);
         }
         Self { numbers, count, row }
     }
 
-    /// The distance of each density to the one that is `apart` places behind it, for all that have one.
-    pub fn distances(&self, apart: usize, distances: &mut Vec<f32>) {
-        let wanted = self.count.saturating_sub(apart);
+    /// The distance of each density to the one `offset` places after it, for all that have one.
+    pub fn distances(&self, offset: usize, distances: &mut Vec<f32>) {
+        let wanted = self.count.saturating_sub(offset);
         distances.resize(wanted.next_multiple_of(LANES), 0.0);
-        fill_distances(&self.numbers, self.row, apart, distances);
+        fill_distances(&self.numbers, self.row, offset, distances);
         distances.truncate(wanted);
     }
 }
 
 /// All versions make the same bits.
 #[multiversion(targets("x86_64+avx2"))]
-fn fill_distances(numbers: &[f32], row: usize, apart: usize, distances: &mut [f32]) {
+fn fill_distances(numbers: &[f32], row: usize, offset: usize, distances: &mut [f32]) {
     for (block, distances) in distances.chunks_exact_mut(LANES).enumerate() {
         let (mut own, mut others) = ([[0.0_f32; LANES]; NUMBERS], [[0.0_f32; LANES]; NUMBERS]);
         for k in 0..NUMBERS {
             let at = k * row + block * LANES;
             own[k].copy_from_slice(&numbers[at..at + LANES]);
-            others[k].copy_from_slice(&numbers[at + apart..at + apart + LANES]);
+            others[k].copy_from_slice(&numbers[at + offset..at + offset + LANES]);
         }
         for (i, distance) in distances.iter_mut().enumerate() {
             *distance = lane(&own, i).distance(&lane(&others, i));

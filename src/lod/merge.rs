@@ -128,4 +128,18 @@ mod tests {
         let (merged, _) = parent(&nodes(&[point; 2]), &[0, 1]);
         assert!(merged.opacity.is_finite() && merged.mean == [1.0; 3], "{merged:?}");
     }
+
+    /// Directions of a sphere and of a disc are not unique, but covariances are.
+    #[test]
+    fn half_axes_make_the_covariance_again() {
+        let turn = DQuat::from_xyzw(0.3, -0.5, 0.2, 0.7).normalize();
+        let turned = DMat3::from_quat(turn);
+        for scales in [[1.0, 1.0, 1.0], [2.0, 2.0, 0.1], [0.1, 2.0, 2.0], [3.0, 1e-3, 0.0], [0.0, 0.0, 0.0]] {
+            let variances = DMat3::from_diagonal(DVec3::from(scales.map(|s: f64| s * s)));
+            let covariance = turned * variances * turned.transpose();
+            let (found, rotation) = half_axes(covariance);
+            let axes = DMat3::from_quat(rotation) * DMat3::from_diagonal(DVec3::from(found));
+            assert!(close(axes * axes.transpose(), covariance), "{scales:?} {found:?}");
+        }
+    }
 }

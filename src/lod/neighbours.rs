@@ -27,21 +27,21 @@ pub fn neighbours(densities: &[Density]) -> Vec<[u32; CANDIDATES]> {
         let mut order: Vec<(u64, u32)> =
             (0..count as u32).map(|i| (curve.key(densities[i as usize].mean()), i)).collect();
         order.sort_unstable();
-        let table = Table::new(order.iter().map(|(_, i)| &densities[*i as usize]), WINDOW);
-        for apart in 1..=WINDOW {
-            table.distances(apart, &mut distances);
-            for (pair, distance) in order.iter().zip(order.iter().skip(apart)).zip(&distances) {
+        let table = Table::new(order.iter().map(|(_, i)| &densities[*i as usize]));
+        for offset in 1..=WINDOW {
+            table.distances(offset, &mut distances);
+            for (pair, distance) in order.iter().zip(order.iter().skip(offset)).zip(&distances) {
                 let ((_, a), (_, b)) = pair;
                 nearest[*a as usize].add(*distance, *b);
                 nearest[*b as usize].add(*distance, *a);
             }
         }
     }
-    let index = |own: u32, place: u64| if place == Nearest::NONE { own } else { place as u32 };
-    (0..).zip(nearest).map(|(own, nearest)| nearest.0.map(|place| index(own, place))).collect()
+    let index = |own: u32, key: u64| if key == Nearest::NONE { own } else { key as u32 };
+    (0..).zip(nearest).map(|(own, nearest)| nearest.0.map(|key| index(own, key))).collect()
 }
 
-/// The nearest nodes of a node so far, ascending: the bits of the distance, which is not negative, above the index.
+/// The nearest nodes of a node so far, as ascending keys: the bits of the distance above the index.
 #[derive(Clone, Copy)]
 struct Nearest([u64; CANDIDATES]);
 
@@ -49,7 +49,8 @@ impl Nearest {
     const NONE: u64 = u64::MAX;
 
     fn add(&mut self, distance: f32, index: u32) {
-        let new = u64::from(distance.to_bits()) << 32 | u64::from(index);
+        // A distance is not negative. One that overflows to NaN counts as 0.
+        let new = u64::from(distance.max(0.0).to_bits()) << 32 | u64::from(index);
         if new >= self.0[CANDIDATES - 1] || self.0.contains(&new) {
             return;
         }

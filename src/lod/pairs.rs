@@ -9,7 +9,7 @@ const _: () = assert!(CANDIDATES == LANES, "all costs of a node are computed at 
 /// A candidate for a merge, and the cost of a merge with it.
 #[derive(Clone, Copy)]
 struct Candidate {
-    /// The node whose candidate it is stands for none.
+    /// The node itself where there is no candidate.
     node: u32,
     /// The version of the candidate that the cost was computed for, or [`UNKNOWN`].
     version: u32,
@@ -25,13 +25,13 @@ impl Candidate {
     }
 }
 
-/// The least of the costs of all nodes, kept in a binary tree.
-struct Costs {
+/// The costs of the cheapest pairs of all nodes, and the least of them, in a binary tree.
+struct LeastCosts {
     /// The least of each subtree, from the root at 1: the bits of the cost above the number of the node.
     least: Vec<u64>,
 }
 
-impl Costs {
+impl LeastCosts {
     const NONE: u64 = u64::MAX;
 
     fn new(nodes: usize) -> Self {
@@ -63,7 +63,7 @@ struct Merging {
     candidates: Vec<[Candidate; CANDIDATES]>,
     /// The candidate of each node with the least cost.
     cheapest: Vec<Candidate>,
-    costs: Costs,
+    least_costs: LeastCosts,
 }
 
 /// Merges nodes until `wanted` are left. Returns the node that each was merged into; itself if it is left.
@@ -73,13 +73,14 @@ pub fn merged(densities: Vec<Density>, wanted: usize) -> Vec<u32> {
         densities,
         into: (0..count as u32).collect(),
         versions: vec![0; count],
+        // `find_neighbours` chooses these before they are read.
         candidates: vec![[Candidate::new(0); CANDIDATES]; count],
         cheapest: vec![Candidate::new(0); count],
-        costs: Costs::new(count),
+        least_costs: LeastCosts::new(count),
     };
     let mut left = count;
     while left > wanted.max(1) {
-        let Some(own) = merging.costs.cheapest() else {
+        let Some(own) = merging.least_costs.cheapest() else {
             // Initially, and once all candidates of the remaining nodes are used up.
             merging.find_neighbours();
             continue;
@@ -138,7 +139,7 @@ impl Merging {
         let others = candidates.iter().filter(|candidate| candidate.node != own);
         let cheapest = others.min_by_key(|candidate| (candidate.cost, candidate.node));
         self.cheapest[own as usize] = cheapest.copied().unwrap_or(Candidate::new(own));
-        self.costs.set(own, cheapest.map(|candidate| candidate.cost));
+        self.least_costs.set(own, cheapest.map(|candidate| candidate.cost));
         self.candidates[own as usize] = candidates;
     }
 
@@ -146,7 +147,7 @@ impl Merging {
         self.densities[own as usize] = self.densities[own as usize].merged(&self.densities[other as usize]);
         self.into[other as usize] = own;
         self.versions[own as usize] += 1;
-        self.costs.set(other, None);
+        self.least_costs.set(other, None);
         let both = [own, other].map(|node| self.candidates[node as usize]);
         let mut near = [(f32::INFINITY, own); 2 * CANDIDATES];
         let mut count = 0;
@@ -165,5 +166,47 @@ impl Merging {
         }
         self.candidates[own as usize] = std::array::from_fn(|i| Candidate::new(near[i].1));
         self.pair(own);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::node::Node;
+    use super::*;
+
+    fn densities(means: impl Iterator<Item = [f32; 3]>) -> Vec<Density> {
+        let node = |mean| Node::leaf(mean, [1.0, 0.0, 0.0, 0.0], [0.1; 3], 0.5);
+        means.map(|mean| Density::of(&node(mean), [0.5; 3], [0.0; 3], 1e-6)).collect()
+    }
+
+    #[test]
+    fn the_least_cost_is_that_of_all_nodes() {
+        let (mut tree, mut costs) = (LeastCosts::new(5), [None; 5]);
+        for step in 0_u32..200 {
+            let hash = step.wrapping_mul(2_654_435_761) >> 16;
+            let (node, cost) = (hash % 5, (hash % 7 > 0).then_some(hash / 5 % 4));
+            tree.set(node, cost);
+            costs[node as usize] = cost;
+            let least = (0..5).filter_map(|node: u32| Some((costs[node as usize]?, node))).min();
+            assert_eq!(tree.cheapest(), least.map(|(_, node)| node));
+        }
+    }
+
+    #[test]
+    fn the_wanted_number_of_nodes_is_left() {
+        for (count, wanted, left) in [(0, 0, 0), (1, 0, 1), (2, 0, 1), (2, 1, 1), (9, 9, 9), (40, 1, 1), (40, 7, 7)] {
+            for spread in [0.0, 1.0] {
+                let into = merged(densities((0..count).map(|i| [spread * (i * i % 17) as f32, 0.0, 1.0])), wanted);
+                assert_eq!(into.len(), count);
+                assert_eq!((0..).zip(&into).filter(|(node, root)| node == *root).count(), left, "{count} {wanted}");
+                assert!(into.iter().all(|root| into[*root as usize] == *root));
+            }
+        }
+    }
+
+    #[test]
+    fn near_nodes_are_merged_first() {
+        let into = merged(densities([0.0, 10.0, 0.1, 20.0, 10.1].map(|x| [x, 0.0, 0.0]).into_iter()), 3);
+        assert!(into[0] == into[2] && into[1] == into[4] && into[3] == 3, "{into:?}");
     }
 }

@@ -1,7 +1,6 @@
 //! Writes page files from a scene in memory, or from one that is read in blocks.
 
 use std::fs::File;
-use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -201,7 +200,7 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
         };
         // Some threads wait for the device.
         let more_threads = || threads::pool(rayon::current_num_threads() * 3 / 2).ok();
-        let built = while_syncing(&file, || match job.fitter.and_then(|_| more_threads()) {
+        let built = while_syncing(checkpoint.file(PAGES)?, || match job.fitter.and_then(|_| more_threads()) {
             Some(pool) => pool.install(build_levels),
             None => build_levels(),
         });
@@ -212,23 +211,18 @@ pub(crate) fn finish(job: &Job, checkpoint: Checkpoint, scene: &Output, header: 
     Ok(resumed)
 }
 
-/// Runs `work` while another thread has the system write to the disk what `file` holds so far, so that less is left for
-/// the end.
-fn while_syncing(file: &File, work: impl FnOnce() -> Result<()>) -> Result<()> {
+/// Runs `work` while another thread has the system write to the disk what a file holds so far, so that less is left for
+/// the end. The file is opened for this alone: a failed write is reported to each open file once, so that later calls
+/// for another one report it, too. At the end, this waits for a running write to the disk.
+fn while_syncing<T>(file: File, work: impl FnOnce() -> T) -> T {
     threads::scope(|threads| {
-        let (working, until_done) = mpsc::channel::<()>();
-        let syncing = threads.spawn(move || {
-            while until_done.recv_timeout(SYNC_INTERVAL) == Err(RecvTimeoutError::Timeout) {
-                file.sync_data()?;
-            }
-            io::Result::Ok(())
-        })?;
-        let done = work();
-        drop(working);
-        // The system reports a failed write to the disk only once.
-        let synced = joined(syncing);
-        done?;
-        Ok(synced?)
+        // The thread ends once the sender is dropped.
+        let (_sender, receiver) = mpsc::channel::<()>();
+        // If the system refuses the thread, the end takes longer.
+        _ = threads.spawn(move || {
+            while receiver.recv_timeout(SYNC_INTERVAL) == Err(RecvTimeoutError::Timeout) && file.sync_data().is_ok() {}
+        });
+        work()
     })
 }
 
@@ -240,7 +234,7 @@ pub(crate) fn complete(checkpoint: Checkpoint, output: &Output, header: Header) 
     checkpoint.finish(PAGES)
 }
 
-const CHANGED: &str = "the source was changed while it was read";
+pub(crate) const CHANGED: &str = "the source was changed while it was read";
 
 /// One pass over the blocks for the statistics, or two if the source has another number of Gaussians than expected.
 /// Also returns a sample of means. `passes` is the number of passes of the whole job.

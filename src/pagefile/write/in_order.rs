@@ -4,7 +4,7 @@ use std::fs::File;
 
 use anyhow::{Result, bail, ensure};
 
-use super::convert::{Blocks, Finished, Job, STATE, Settings, check_count, finish, statistics_passes};
+use super::convert::{Blocks, CHANGED, Finished, Job, STATE, Settings, check_count, finish, statistics_passes};
 use super::hierarchy_layout::inner_pages;
 use super::output::Output;
 use crate::files::Checkpoint;
@@ -50,6 +50,7 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
     let Some(mut writer) = writer else { bail!("there are no Gaussians") };
     writer.end(&file)?;
     let statistics = known.unwrap_or_else(|| job.statistics(writer.statistics.finish()));
+    ensure!(statistics.count == writer.count, CHANGED);
     let mut layout = job.layout(&statistics);
     // Coefficients of degrees that turned out to be 0 are stored, too.
     layout.sh_degree = writer.layout.sh_degree;

@@ -37,6 +37,7 @@ pub struct DeviceFitter {
     queue: Mutex<Queue>,
     /// Why groups were left to the host, by the first of them.
     failure: Mutex<Option<Error>>,
+    /// GPU times of stages.
     times_ms: Mutex<BTreeMap<&'static str, f64>>,
 }
 
@@ -76,6 +77,7 @@ struct Turn<'f>(&'f Mutex<Queue>);
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
         let mut queue = locked(self.0);
+        // The thread of a group in the queue receives.
         queue.is_led = queue.waiting.first().is_some_and(|first| first.messages.send(Message::Lead).is_ok());
     }
 }
@@ -155,8 +157,8 @@ impl DeviceFitter {
         locked(&self.failure).take()
     }
 
-    /// The GPU time of each stage since the last call, milliseconds.
-    pub fn take_times(&self) -> BTreeMap<&'static str, f64> {
+    /// The GPU time of each stage since the last call, milliseconds: the sum of its dispatches.
+    pub fn take_times_ms(&self) -> BTreeMap<&'static str, f64> {
         take(&mut locked(&self.times_ms))
     }
 
@@ -227,7 +229,8 @@ impl DeviceFitter {
         let (messages, received) = sync_channel(2);
         let mut queue = locked(&self.queue);
         queue.waiting.push(Waiting { workspace, plan, upload, messages });
-        let mut turn = (!replace(&mut queue.is_led, true)).then(|| Turn(&self.queue));
+        let is_led = replace(&mut queue.is_led, true);
+        let mut turn = (!is_led).then(|| Turn(&self.queue));
         drop(queue);
         loop {
             if let Some(_turn) = turn.take() {
@@ -253,7 +256,7 @@ impl DeviceFitter {
             // This waits if the submission has failed.
             drop(upload);
             let found = found.pop_front().expect("each group has a result");
-            // The thread of the group waits for it.
+            // Fails only if the thread of the group has panicked.
             _ = messages.send(Message::Finished(Box::new((workspace, found))));
         }
     }
