@@ -104,8 +104,7 @@ fn run(criterion: &mut Criterion, device: &Device, bench: Bench, rows: &mut Vec<
     time(criterion, (bench.stage, bench.input, Some(bench.bytes)), &once, rows)
 }
 
-/// Measures a stage with this input. `once` runs the stage, and returns its time in
-/// milliseconds.
+/// Measures a stage with this input. `once` runs the stage, and returns its time in milliseconds.
 fn time(
     criterion: &mut Criterion,
     (stage, input, bytes): (&'static str, String, Option<u64>),

@@ -32,6 +32,9 @@ pub fn write_in_order(job: &Job, blocks: &Blocks) -> Result<Finished> {
         job.check()?;
         check_count(of)?;
         let writer = writer.get_or_insert_with(|| OrderedWriter::new(job, known.as_ref(), of, block.sh_degree()));
+        if known.is_none() {
+            writer.statistics.add(&block);
+        }
         writer.add(&file, block).map_err(|error| error.context(format!("cannot write {}", job.output.display())))?;
         let done = writer.added as f64 / of as f64;
         job.report(if known.is_some() { 0.5 + 0.5 * done } else { done });
@@ -66,9 +69,8 @@ struct OrderedWriter {
     alpha_min: f32,
     /// Most pages.
     pages: usize,
-    /// Of Gaussians that were added, unless those of the scene were known before.
+    /// Statistics of the blocks, where those of the scene were not known before.
     statistics: Accumulator,
-    is_known: bool,
     /// Gaussians of the scene, as announced.
     count: usize,
     added: usize,
@@ -87,14 +89,10 @@ impl OrderedWriter {
         };
         let (alpha_min, scene_pages) = (options.rules.alpha_min, count.div_ceil(PAGE));
         let pages = scene_pages + if *has_levels { inner_pages(count) } else { 0 };
-        let is_known = known.is_some();
-        Self { layout, alpha_min, pages, statistics, is_known, count, added: 0, written: 0, rest: None }
+        Self { layout, alpha_min, pages, statistics, count, added: 0, written: 0, rest: None }
     }
 
     fn add(&mut self, file: &File, block: Gaussians) -> Result<()> {
-        if !self.is_known {
-            self.statistics.add(&block);
-        }
         let own = self.added as u32..(self.added + block.len()) as u32;
         self.added += block.len();
         let (gaussians, ids) = match self.rest.take() {

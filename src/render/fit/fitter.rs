@@ -77,7 +77,7 @@ struct Turn<'f>(&'f Mutex<Queue>);
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
         let mut queue = locked(self.0);
-        // The thread of a group in the queue receives.
+        // The thread of a group in the queue waits for messages.
         queue.is_led = queue.waiting.first().is_some_and(|first| first.messages.send(Message::Lead).is_ok());
     }
 }
