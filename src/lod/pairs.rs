@@ -61,8 +61,6 @@ struct Merging {
     /// Number of merges into each node.
     versions: Vec<u32>,
     candidates: Vec<[Candidate; CANDIDATES]>,
-    /// The candidate of each node with the least cost.
-    cheapest: Vec<Candidate>,
     least_costs: LeastCosts,
 }
 
@@ -75,17 +73,15 @@ pub fn merged(densities: Vec<Density>, wanted: usize) -> Vec<u32> {
         versions: vec![0; count],
         // `find_neighbours` chooses these before they are read.
         candidates: vec![[Candidate::new(0); CANDIDATES]; count],
-        cheapest: vec![Candidate::new(0); count],
         least_costs: LeastCosts::new(count),
     };
     let mut left = count;
     while left > wanted.max(1) {
-        let Some(own) = merging.least_costs.cheapest() else {
+        let Some((own, other)) = merging.cheapest_pair() else {
             // Initially, and once all candidates of the remaining nodes are used up.
             merging.find_neighbours();
             continue;
         };
-        let other = merging.cheapest[own as usize];
         if merging.root(other.node) == other.node && merging.versions[other.node as usize] == other.version {
             merging.merge(own, other.node);
             left -= 1;
@@ -105,6 +101,18 @@ impl Merging {
             self.candidates[*node as usize] = near.map(|other| Candidate::new(left[other as usize]));
             self.pair(*node);
         }
+    }
+
+    /// The candidate of a node with the least cost.
+    fn cheapest_candidate(&self, own: u32) -> Option<Candidate> {
+        let others = self.candidates[own as usize].into_iter().filter(|candidate| candidate.node != own);
+        others.min_by_key(|candidate| (candidate.cost, candidate.node))
+    }
+
+    /// The node with the least cost, and its candidate.
+    fn cheapest_pair(&self) -> Option<(u32, Candidate)> {
+        let own = self.least_costs.cheapest()?;
+        Some((own, self.cheapest_candidate(own)?))
     }
 
     fn root(&mut self, node: u32) -> u32 {
@@ -136,11 +144,8 @@ impl Merging {
                 (candidate.version, candidate.cost) = (self.versions[candidate.node as usize], cost.to_bits());
             }
         }
-        let others = candidates.iter().filter(|candidate| candidate.node != own);
-        let cheapest = others.min_by_key(|candidate| (candidate.cost, candidate.node));
-        self.cheapest[own as usize] = cheapest.copied().unwrap_or(Candidate::new(own));
-        self.least_costs.set(own, cheapest.map(|candidate| candidate.cost));
         self.candidates[own as usize] = candidates;
+        self.least_costs.set(own, self.cheapest_candidate(own).map(|candidate| candidate.cost));
     }
 
     fn merge(&mut self, own: u32, other: u32) {
